@@ -1,0 +1,42 @@
+"""Shared fixtures: JAX in double precision, the folder of real files, and markers that must be asked for."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+os.environ.setdefault("MPLBACKEND", "Agg")
+
+SHARED = Path(os.environ.get("GLIDER_JAX_SHARED", Path(__file__).resolve().parents[2] / "shared"))
+
+
+def pytest_addoption(parser):
+    """Markers for long runs are off unless asked for."""
+    for name in ("slow", "validation", "benchmarks"):
+        parser.addoption(f"--{name}", action="store_true", default=False, help=f"run tests marked {name}")
+
+
+def pytest_collection_modifyitems(config, items):
+    """Skip marked tests whose option was not given."""
+    for name in ("slow", "validation", "benchmarks"):
+        if config.getoption(f"--{name}"):
+            continue
+        skip = pytest.mark.skip(reason=f"needs --{name}")
+        for item in items:
+            if name in item.keywords:
+                item.add_marker(skip)
+
+
+@pytest.fixture(scope="session")
+def real():
+    """Return a function that gives the path of a real file, or skips the test with a reason."""
+
+    def path(*parts: str) -> Path:
+        found = SHARED.joinpath("real", *parts)
+        if not found.exists():
+            pytest.skip(f"real file {'/'.join(parts)} is not here (looked under {SHARED / 'real'})")
+        return found
+
+    return path
