@@ -22,29 +22,9 @@ from glider_jax.records import Array
 
 THINNEST = 0.1  # m, least water column kept where the free surface falls below the model's seafloor
 
-STANDARD_LEVELS = np.array(
-    [0, 2, 5, 10, 15, 20, 30, 40, 50, 75, 100, 125, 150, 200, 250, 300, 400, 500, 600, 700, 800, 900]
-    + [
-        1000,
-        1250,
-        1500,
-        1750,
-        2000,
-        2500,
-        3000,
-        3500,
-        4000,
-        4500,
-        5000,
-        6000,
-        7000,
-        8000,
-        9000,
-        10000,
-        11000,
-    ],
-    dtype=float,
-)
+_LEVELS = """0 2 5 10 15 20 30 40 50 75 100 125 150 200 250 300 400 500 600 700 800 900 1000 1250 1500 1750 2000
+2500 3000 3500 4000 4500 5000 6000 7000 8000 9000 10000 11000"""
+STANDARD_LEVELS = np.array(_LEVELS.split(), dtype=float)  # m
 
 
 def s_levels(n: int, stretching: int = 4, interfaces: bool = False) -> Array:
