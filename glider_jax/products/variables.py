@@ -1,4 +1,4 @@
-"""The variables of the forecast file, declared once: name, dimensions, storage, CF attributes, where values come from."""
+"""The variables of the forecast file, each declared once: name, dimensions, storage, attributes, values."""
 
 from __future__ import annotations
 
