@@ -86,11 +86,6 @@ class FlightModel(eqx.Module):
         )
 
     @property
-    def full_stroke(self) -> Scalar:
-        """Volume from the dive to the climb setting, m3; the stroke energies are stated for it."""
-        return 2.0 * self.body.pump_volume
-
-    @property
     def ids(self) -> tuple[str, ...]:
         """Ids of the terms, in the order of the gates."""
         return tuple(term.info.id for term in self.terms)
@@ -179,7 +174,7 @@ class FlightModel(eqx.Module):
 
     def _stroke(self, channel: Channel, sample: Sample) -> Stroke:
         sample = self.complete(sample)
-        share = sample.stroke_volume / self.full_stroke * self._factor(Channel.LOG_PUMP_ENERGY, sample)
+        share = sample.stroke_volume / self.body.full_stroke * self._factor(Channel.LOG_PUMP_ENERGY, sample)
         return Stroke(self._sum(channel, sample) * share, self._sum(Channel.BRAKE_ENERGY, sample))
 
 

@@ -53,6 +53,15 @@ class Body(eqx.Module):
         shown_per_si=1e6,
         quantity="flight.pump_rate",
     )
+    full_stroke: Scalar = parameter(
+        Normal(460e-6, 0.0, lower=0.0),
+        unit="m3",
+        text="volume moved in the stroke for which the pump energies are stated",
+        source="twice the shallow pump's setting",
+        shown="cm3",
+        shown_per_si=1e6,
+        quantity="energy.pump_dive_to_climb.reference_volume",
+    )
     stall_angle: Scalar = constant(
         0.17,
         unit="rad",
@@ -223,7 +232,7 @@ class Pump(AbstractTerm):
     """Energy of a full dive-to-climb stroke, a line in depth."""
 
     intercept: Scalar = parameter(
-        Normal(210.0, 46.0, lower=0.0),
+        Normal(210.0, 46.0),
         unit="J",
         text="energy of a full stroke at the surface",
         source="comet 2019, 58 strokes of 460 cm3",
