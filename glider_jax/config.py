@@ -241,20 +241,14 @@ def check_vehicle(vehicle: Vehicle, where: str = "vehicle") -> None:
         label = f"{where}: covariance of {', '.join(block.names)}"
         for name in block.names:
             if name not in vehicle.quantities:
-                raise ConfigError(
-                    f"{label}: unknown quantity '{name}'.{did_you_mean(name, vehicle.quantities)}"
-                )
+                raise ConfigError(f"{label}: unknown quantity '{name}'.{did_you_mean(name, vehicle.quantities)}")
         matrix = np.asarray(block.matrix, dtype=float)
         n = len(block.names)
         if matrix.shape != (n, n):
-            raise ConfigError(
-                f"{label}: expected {n} rows of {n} numbers, found shape {matrix.shape}. Correct it."
-            )
+            raise ConfigError(f"{label}: expected {n} rows of {n} numbers, found shape {matrix.shape}. Correct it.")
         diagonal = np.diag(matrix)
         if (diagonal < 0.0).any():
-            raise ConfigError(
-                f"{label}: expected variances of at least 0, found {diagonal.min():g}. Correct it."
-            )
+            raise ConfigError(f"{label}: expected variances of at least 0, found {diagonal.min():g}. Correct it.")
         # Scaled to correlations, so that units of very different size are judged alike.
         scale = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
         scaled = matrix / np.outer(scale, scale)
@@ -274,9 +268,7 @@ def check_vehicle(vehicle: Vehicle, where: str = "vehicle") -> None:
         )
     curve = vehicle.battery.voltage_curve
     if len(curve) < 2 or any(b[0] <= a[0] for a, b in zip(curve, curve[1:], strict=False)):
-        raise ConfigError(
-            f"{where}: battery: expected a voltage curve that ascends in state of charge. Correct it."
-        )
+        raise ConfigError(f"{where}: battery: expected a voltage curve that ascends in state of charge. Correct it.")
 
 
 def check_mission(mission: Mission, where: str = "mission") -> None:
@@ -293,9 +285,7 @@ def check_mission(mission: Mission, where: str = "mission") -> None:
             f"{yo.climb_to:g} m. Correct one of them."
         )
     if yo.climb_to < 0.0 or yo.dive_to > 7000.0:
-        raise ConfigError(
-            f"{where}: expected depths of 0 to 7000 m, found {yo.climb_to:g} to {yo.dive_to:g} m."
-        )
+        raise ConfigError(f"{where}: expected depths of 0 to 7000 m, found {yo.climb_to:g} to {yo.dive_to:g} m.")
     pitches = {"dive pitch": yo.dive_pitch, "climb pitch": yo.climb_pitch}
     pitches |= {f"climb pitch of surface rule {i}": r.climb_pitch for i, r in enumerate(mission.surface, 1)}
     for name, pitch in pitches.items():
@@ -308,9 +298,7 @@ def check_mission(mission: Mission, where: str = "mission") -> None:
         if value is not None and not (np.isfinite(value) and value >= 0.0):
             raise ConfigError(f"{where}: {name}: expected at least 0, found {value:g}. Correct it.")
     if yo.half_cycles is not None and yo.half_cycles < 1:
-        raise ConfigError(
-            f"{where}: half_cycles: expected at least 1, found {yo.half_cycles}. Leave it out for ever."
-        )
+        raise ConfigError(f"{where}: half_cycles: expected at least 1, found {yo.half_cycles}. Leave it out for ever.")
     if not mission.waypoints:
         raise ConfigError(f"{where}: expected at least one waypoint to fly to, found none. Add waypoints.")
     points = [(f"waypoint {i}", p) for i, p in enumerate(mission.waypoints, 1)]
@@ -323,17 +311,11 @@ def check_mission(mission: Mission, where: str = "mission") -> None:
                 "Positions are latitude first, in decimal degrees."
             )
         if not abs(longitude) <= 360.0:
-            raise ConfigError(
-                f"{where}: {name}: expected a longitude of -360 to 360 degrees, found {longitude:g}."
-            )
+            raise ConfigError(f"{where}: {name}: expected a longitude of -360 to 360 degrees, found {longitude:g}.")
     if not mission.waypoint_radius > 0.0:
-        raise ConfigError(
-            f"{where}: waypoint_radius: expected more than 0 m, found {mission.waypoint_radius:g}."
-        )
+        raise ConfigError(f"{where}: waypoint_radius: expected more than 0 m, found {mission.waypoint_radius:g}.")
     if mission.legs == 0 or mission.legs < -2:
-        raise ConfigError(
-            f"{where}: legs: expected -2 (once), -1 (for ever) or a count from 1, found {mission.legs}."
-        )
+        raise ConfigError(f"{where}: legs: expected -2 (once), -1 (for ever) or a count from 1, found {mission.legs}.")
     first = mission.first_waypoint
     if first is not None and not 0 <= first < len(mission.waypoints):
         raise ConfigError(
@@ -353,27 +335,19 @@ def check_mission(mission: Mission, where: str = "mission") -> None:
             )
     over = mission.aborts.overdepth
     if over is not None and over <= yo.climb_to:
-        raise ConfigError(
-            f"{where}: overdepth of {over:g} m aborts before the yo begins at {yo.climb_to:g} m."
-        )
+        raise ConfigError(f"{where}: overdepth of {over:g} m aborts before the yo begins at {yo.climb_to:g} m.")
 
 
 def _check_rule(rule: SurfaceRule, where: str) -> None:
     if rule.kind not in SURFACE_KINDS:
         raise ConfigError(f"{where}: unknown kind '{rule.kind}'.{did_you_mean(rule.kind, SURFACE_KINDS)}")
     if rule.kind in ("every", "after", "no_comms") and not rule.seconds > 0.0:
-        raise ConfigError(
-            f"{where}: kind '{rule.kind}' needs seconds above 0, found {rule.seconds:g}. Add it."
-        )
+        raise ConfigError(f"{where}: kind '{rule.kind}' needs seconds above 0, found {rule.seconds:g}. Add it.")
     if rule.kind == "inflections" and rule.count < 1:
         raise ConfigError(f"{where}: kind 'inflections' needs a count from 1, found {rule.count}. Add it.")
     if rule.kind == "waypoint_distance" and not rule.distance > 0.0:
-        raise ConfigError(
-            f"{where}: kind 'waypoint_distance' needs a distance above 0 m, found {rule.distance:g}."
-        )
+        raise ConfigError(f"{where}: kind 'waypoint_distance' needs a distance above 0 m, found {rule.distance:g}.")
     if rule.kind == "utc" and rule.time is None:
         raise ConfigError(f"{where}: kind 'utc' needs a time, found none. Add it.")
     if rule.seconds < 0.0 or rule.distance < 0.0 or rule.count < 0:
-        raise ConfigError(
-            f"{where}: expected seconds, distance and count of at least 0, found less. Correct it."
-        )
+        raise ConfigError(f"{where}: expected seconds, distance and count of at least 0, found less. Correct it.")

@@ -1,12 +1,17 @@
 """Devices that a vehicle file can pick by name, each with a sourced power and a rule for when it runs.
 
-Standard library only. Powers measured on the glider comet are differences of total current times 14 V. ``judgement``
+Powers measured on the glider comet are differences of total current times 14 V. ``judgement``
 marks what nobody measured; a vehicle file overrides any of it.
 """
 
 from __future__ import annotations
 
 from glider_jax.config import Device, Quantity
+from glider_jax.errors import ConfigError, did_you_mean
+from glider_jax.readers.toml_checks import Given, Table
+
+GROUPS = ("hotel", "science", "steering", "navigation", "communication", "instrument", "propulsion")
+STATES = ("dive", "climb", "hover", "surface")
 
 _PAPER = "Woithe and Kremer (2010)"
 _COMET = "comet recordings, 2016 and 2019"
@@ -70,7 +75,7 @@ _DEVICES = (
         states=frozenset({"dive"}),
     ),
     Device(
-        "gps", "navigation", _watts(1.4, 0.5, f"{_COMET}: 0.23 A idle at the surface against a floor of 0.10 to 0.15 A"),
+        "gps", "navigation", _watts(1.4, 0.5, f"{_COMET}: 0.23 A idle at the surface, floor 0.10 to 0.15 A"),
         states=_SURFACE,
     ),
     Device(
@@ -94,3 +99,85 @@ _DEVICES = (
 )  # fmt: skip
 
 DEVICES: dict[str, Device] = {device.name: device for device in _DEVICES}
+
+
+def read_devices(top: Table, base: tuple[Device, ...]) -> tuple[Device, ...]:
+    """Devices of a vehicle file: names of the catalogue, tables, or both; ``base`` where it names none."""
+    raw = top.raw("devices")
+    if raw is None:
+        return base
+    if not isinstance(raw, list):
+        raise top.wrong("devices", "a list of device names, or tables [[devices]]")
+    devices: dict[str, Device] = {}
+    for index, item in enumerate(raw, 1):
+        if isinstance(item, str):
+            device = _catalogued(item, f"{top.file}: devices {index}")
+        elif isinstance(item, dict):
+            device = _device(Table(item, top.file, f"[[devices]] {index}"))
+        else:
+            raise ConfigError(f"{top.file}: devices {index}: expected a name or a table, found {item!r}. Correct it.")
+        if device.name in devices:
+            raise ConfigError(f"{top.file}: devices {index}: '{device.name}' stands twice. Keep one of them.")
+        devices[device.name] = device
+    return tuple(devices.values())
+
+
+def _catalogued(name: str, where: str) -> Device:
+    if name not in DEVICES:
+        hint = did_you_mean(name, DEVICES) or f" Known: {', '.join(DEVICES)}."
+        raise ConfigError(f"{where}: unknown device '{name}'.{hint}")
+    return DEVICES[name]
+
+
+def _device(table: Table) -> Device:
+    name = table.text("name")
+    if not name:
+        raise ConfigError(f'{table.where("name")}: expected the device\'s name, found none. Add name = "...".')
+    start = DEVICES.get(name)
+    power = table.quantity("power", "W")
+    if power is None and start is None:
+        raise ConfigError(
+            f"{table.where('power')}: expected the power of '{name}', found none. "
+            f"Add power = {{ value, sigma }}.{did_you_mean(name, DEVICES)}"
+        )
+    if power is not None and not 0.0 <= power.value <= 1000.0:
+        raise table.wrong("power", "0 to 1000 W")
+    default = start or Device(name, "hotel", Quantity(0.0))
+    group = table.text("group", default.group) or default.group
+    if group not in GROUPS:
+        raise table.wrong("group", f"one of {', '.join(GROUPS)}")
+    states = table.texts("states")
+    if states is not None and not set(states) <= set(STATES):
+        raise table.wrong("states", f"a list out of {', '.join(STATES)}")
+    types = table.raw("sensor_types")
+    if types is not None and (
+        not isinstance(types, list) or not all(isinstance(t, int) and not isinstance(t, bool) for t in types)
+    ):
+        raise table.wrong("sensor_types", "a list of whole numbers")
+    action = table.quantity("joules_per_inflection", "J")
+    stay = table.quantity("seconds_per_surfacing", "s")
+    low = table.number("minimum_depth", default.minimum_depth, unit="m")
+    high = table.number("maximum_depth", None, unit="m")
+    device = Device(
+        name=name,
+        group=group,
+        power=default.power if power is None else quantity_of(power, table.file),
+        states=default.states if states is None else frozenset(states),
+        duty=table.number("duty", default.duty, 0.0, 1.0) or 0.0,
+        seconds_per_surfacing=default.seconds_per_surfacing if stay is None else stay.value,
+        joules_per_inflection=default.joules_per_inflection if action is None else action.value,
+        sensor_types=default.sensor_types if types is None else tuple(types),
+        minimum_depth=low or 0.0,
+        maximum_depth=default.maximum_depth if high is None else high,
+    )
+    if device.minimum_depth > device.maximum_depth:
+        raise table.wrong("minimum_depth", f"at most maximum_depth, {device.maximum_depth:g} m")
+    if device.joules_per_inflection < 0.0 or (device.seconds_per_surfacing or 0.0) < 0.0:
+        raise ConfigError(f"{table.where()}: expected energies and times of at least 0, found less. Correct them.")
+    table.close()
+    return device
+
+
+def quantity_of(number: Given, file: str) -> Quantity:
+    """A quantity from a number in a file; no sigma given means exact, no source given means the file."""
+    return Quantity(number.value, number.sigma or 0.0, number.unit, number.source or file)

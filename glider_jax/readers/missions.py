@@ -14,11 +14,12 @@ from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import Any
 
+from glider_jax_data import path as bundled_path
+
 from glider_jax.config import Aborts, Mission, SampleRule, SurfaceRule, Yo, check_mission
 from glider_jax.errors import ConfigError, DataError
 from glider_jax.readers.toml_checks import Table, load_toml, number_list
 from glider_jax.records import Source
-from glider_jax_data import path as bundled_path
 
 DEFAULT_MISSION = "missions/new_jersey.toml"
 DEFAULT_PITCH = 26.0
@@ -95,9 +96,7 @@ def read_toml_mission(path: str | Path) -> Mission:
             raise main.wrong("surface_every", "more than 0 s")
         rules = (SurfaceRule("after", seconds=every.value, when_yo_ends=True, name="surface_every"), *rules)
     if not rules:
-        rules = (
-            SurfaceRule("after", seconds=DEFAULT_SURFACE_EVERY, when_yo_ends=True, name="surface_every"),
-        )
+        rules = (SurfaceRule("after", seconds=DEFAULT_SURFACE_EVERY, when_yo_ends=True, name="surface_every"),)
         notes.append(f"surface_every: {DEFAULT_SURFACE_EVERY:g} s assumed, the file names no rule to surface")
     if every is not None or "surface" not in top.data:
         rules = (*rules, SurfaceRule("mission_done", ends_mission=True, name="mission_done"))
@@ -180,9 +179,7 @@ def _position(value: Any, table: Table, key: str, label: str) -> tuple[float, fl
 def _route(main: Table) -> tuple[tuple[float, float] | None, tuple[tuple[float, float], ...]]:
     raw = main.raw("waypoints")
     if not isinstance(raw, list):
-        raise main.wrong(
-            "waypoints", "a list of [latitude, longitude]", "Add waypoints = [[39.3, -73.6], ...]."
-        )
+        raise main.wrong("waypoints", "a list of [latitude, longitude]", "Add waypoints = [[39.3, -73.6], ...].")
     points = tuple(_position(item, main, "waypoints", f"waypoint {i}") for i, item in enumerate(raw, 1))
     first_is_start = main.boolean("first_waypoint_is_start", "start_position" not in main)
     given = main.raw("start_position")
@@ -207,9 +204,7 @@ def _yo(main: Table, section: Table | None) -> Yo:
     table = main if section is None else section
     for key in main.data if section is not None else ():
         if any(key == name or key.startswith(f"{name}_") for name in _YO_KEYS):
-            raise ConfigError(
-                f"{main.where(key)}: stands in [mission] although there is a [yo]. Move it to [yo]."
-            )
+            raise ConfigError(f"{main.where(key)}: stands in [mission] although there is a [yo]. Move it to [yo].")
 
     def number(key: str, unit: str, bare: str | None = None) -> float | None:
         given = table.quantity(key, unit, bare)
@@ -217,15 +212,11 @@ def _yo(main: Table, section: Table | None) -> Yo:
 
     dive_to, climb_to = number("dive_to", "m"), number("climb_to", "m")
     if dive_to is None:
-        raise ConfigError(
-            f"{table.where('dive_to')}: expected the depth of a dive in m, found none. Add dive_to."
-        )
+        raise ConfigError(f"{table.where('dive_to')}: expected the depth of a dive in m, found none. Add dive_to.")
     pitch = number("pitch", "rad", "deg")
     dive_pitch, climb_pitch = number("dive_pitch", "rad", "deg"), number("climb_pitch", "rad", "deg")
     if pitch is not None and dive_pitch is not None and climb_pitch is not None:
-        raise ConfigError(
-            f"{table.where('pitch')}: dive_pitch and climb_pitch say the same. Keep 'pitch' or both."
-        )
+        raise ConfigError(f"{table.where('pitch')}: dive_pitch and climb_pitch say the same. Keep 'pitch' or both.")
     both = math.radians(DEFAULT_PITCH) if pitch is None else pitch
     altitude, climb_altitude = number("altitude", "m"), number("climb_altitude", "m")
     return Yo(

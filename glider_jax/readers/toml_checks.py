@@ -76,9 +76,7 @@ def si_factor(unit: str, want: str, where: str) -> float:
         )
     si, factor = UNITS[canonical]
     if si != want:
-        raise ConfigError(
-            f"{where}: expected a unit that converts to {want}, found '{unit}'. Correct the unit."
-        )
+        raise ConfigError(f"{where}: expected a unit that converts to {want}, found '{unit}'. Correct the unit.")
     return factor
 
 
@@ -137,9 +135,7 @@ class Table:
 
     def wrong(self, key: str, expected: str, advice: str = "Correct the value.") -> ConfigError:
         """An error that shows what was expected of a key and what is there."""
-        return ConfigError(
-            f"{self.where(key)}: expected {expected}, found {_show(self.data.get(key))}. {advice}"
-        )
+        return ConfigError(f"{self.where(key)}: expected {expected}, found {_show(self.data.get(key))}. {advice}")
 
     def __contains__(self, key: str) -> bool:
         self.known[key] = None
@@ -219,9 +215,7 @@ class Table:
         sibling = self.number(sigma_key, low=0.0)
         if not found:
             if sibling is not None:
-                raise ConfigError(
-                    f"{self.where(sigma_key)}: expected '{key}' beside it, found none. Add '{key}'."
-                )
+                raise ConfigError(f"{self.where(sigma_key)}: expected '{key}' beside it, found none. Add '{key}'.")
             return None
         if len(found) > 1:
             names = " and ".join(f"'{name}'" for name, _ in found)
@@ -242,9 +236,7 @@ class Table:
         source = inner.text("source")
         inner.close()
         if sigma is not None and sibling is not None:
-            raise ConfigError(
-                f"{self.where(name)}: 'sigma' and '{sigma_key}' say the same thing twice. Keep one."
-            )
+            raise ConfigError(f"{self.where(name)}: 'sigma' and '{sigma_key}' say the same thing twice. Keep one.")
         sigma = sibling if sigma is None else sigma
         return Given(number * factor, None if sigma is None else sigma * factor, want, source)
 
@@ -292,9 +284,7 @@ class Table:
             if key not in self.known:
                 hint = did_you_mean(key, self.known)
                 if not hint:
-                    hint = (
-                        f" Known here: {', '.join(k for k in self.known if not _is_suffixed(k, self.known))}."
-                    )
+                    hint = f" Known here: {', '.join(k for k in self.known if not _is_suffixed(k, self.known))}."
                 label = f"{self.path} " if self.path else ""
                 raise ConfigError(f"{self.file}: {label}unknown key '{key}'.{hint}")
 

@@ -11,20 +11,18 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from glider_jax.config import Battery, CovarianceBlock, Device, Quantity, Vehicle, check_vehicle
-from glider_jax.errors import ConfigError, did_you_mean
-from glider_jax.readers.battery_packs import PACKS, pack
-from glider_jax.readers.device_catalogue import DEVICES
-from glider_jax.readers.quantities import QUANTITIES, SECTIONS
-from glider_jax.readers.toml_checks import Table, load_toml, number_list
-from glider_jax.records import Source
 from glider_jax_data import names as bundled_names
 from glider_jax_data import path as bundled_path
 
+from glider_jax.config import CovarianceBlock, Quantity, Vehicle, check_vehicle
+from glider_jax.errors import ConfigError, did_you_mean
+from glider_jax.readers.battery_packs import read_battery
+from glider_jax.readers.device_catalogue import read_devices
+from glider_jax.readers.quantities import QUANTITIES, SECTIONS
+from glider_jax.readers.toml_checks import Table, load_toml, number_list
+from glider_jax.records import Source
+
 DEFAULT_PRESET = "slocum_g1_shallow"
-GROUPS = ("hotel", "science", "steering", "navigation", "communication", "instrument", "propulsion")
-STATES = ("dive", "climb", "hover", "surface")
-_BATTERY_NAME = "alkaline"
 
 
 def presets() -> tuple[str, ...]:
@@ -61,14 +59,12 @@ def _preset_path(name: str) -> Path:
 
 def _read(path: Path, presets_allowed: bool) -> Vehicle:
     top = load_toml(path)
-    sections = {
-        name: top.table(name) for name in ("vehicle", "energy", "perturbation", "battery", "terms", "speeds")
-    }
+    sections = {name: top.table(name) for name in ("vehicle", "energy", "perturbation", "battery", "terms", "speeds")}
     vehicle = sections["vehicle"]
     base = _base(vehicle, top, presets_allowed)
     quantities, given, assumed = _quantities(top, sections, base)
-    devices = _devices(top, base)
-    battery, said = _battery(sections["battery"], sections["energy"], base)
+    devices = read_devices(top, base.devices if base is not None else ())
+    battery, said = read_battery(sections["battery"], sections["energy"], base.battery if base is not None else None)
     assumed += said
     covariances, quantities = _covariances(top, base, given, quantities)
     terms = _terms(sections["terms"], base)
@@ -175,211 +171,6 @@ def _assumption(name: str, q: Quantity, origin: str) -> str:
     return f"{name}: {q.value:.6g}{spread}{unit} from {origin} ({q.source})"
 
 
-def _devices(top: Table, base: Vehicle | None) -> tuple[Device, ...]:
-    raw = top.raw("devices")
-    if raw is None:
-        return base.devices if base is not None else ()
-    if not isinstance(raw, list):
-        raise top.wrong("devices", "a list of device names, or tables [[devices]]")
-    devices: dict[str, Device] = {}
-    for index, item in enumerate(raw, 1):
-        if isinstance(item, str):
-            device = _catalogued(item, f"{top.file}: devices {index}")
-        elif isinstance(item, dict):
-            device = _device(Table(item, top.file, f"[[devices]] {index}"))
-        else:
-            raise ConfigError(
-                f"{top.file}: devices {index}: expected a name or a table, found {item!r}. Correct it."
-            )
-        if device.name in devices:
-            raise ConfigError(f"{top.file}: devices {index}: '{device.name}' stands twice. Keep one of them.")
-        devices[device.name] = device
-    return tuple(devices.values())
-
-
-def _catalogued(name: str, where: str) -> Device:
-    if name not in DEVICES:
-        hint = did_you_mean(name, DEVICES) or f" Known: {', '.join(DEVICES)}."
-        raise ConfigError(f"{where}: unknown device '{name}'.{hint}")
-    return DEVICES[name]
-
-
-def _device(table: Table) -> Device:
-    name = table.text("name")
-    if not name:
-        raise ConfigError(
-            f'{table.where("name")}: expected the device\'s name, found none. Add name = "...".'
-        )
-    start = DEVICES.get(name)
-    power = table.quantity("power", "W")
-    if power is None and start is None:
-        raise ConfigError(
-            f"{table.where('power')}: expected the power of '{name}', found none. "
-            f"Add power = {{ value, sigma }}.{did_you_mean(name, DEVICES)}"
-        )
-    if power is not None and not 0.0 <= power.value <= 1000.0:
-        raise table.wrong("power", "0 to 1000 W")
-    default = start or Device(name, "hotel", Quantity(0.0))
-    group = table.text("group", default.group) or default.group
-    if group not in GROUPS:
-        raise table.wrong("group", f"one of {', '.join(GROUPS)}")
-    states = table.texts("states")
-    if states is not None and not set(states) <= set(STATES):
-        raise table.wrong("states", f"a list out of {', '.join(STATES)}")
-    types = table.raw("sensor_types")
-    if types is not None and (
-        not isinstance(types, list) or not all(isinstance(t, int) and not isinstance(t, bool) for t in types)
-    ):
-        raise table.wrong("sensor_types", "a list of whole numbers")
-    action = table.quantity("joules_per_inflection", "J")
-    stay = table.quantity("seconds_per_surfacing", "s")
-    low = table.number("minimum_depth", default.minimum_depth, unit="m")
-    high = table.number("maximum_depth", None, unit="m")
-    device = Device(
-        name=name,
-        group=group,
-        power=default.power if power is None else _from_given(power, table.file),
-        states=default.states if states is None else frozenset(states),
-        duty=table.number("duty", default.duty, 0.0, 1.0) or 0.0,
-        seconds_per_surfacing=default.seconds_per_surfacing if stay is None else stay.value,
-        joules_per_inflection=default.joules_per_inflection if action is None else action.value,
-        sensor_types=default.sensor_types if types is None else tuple(types),
-        minimum_depth=low or 0.0,
-        maximum_depth=default.maximum_depth if high is None else high,
-    )
-    if device.minimum_depth > device.maximum_depth:
-        raise table.wrong("minimum_depth", f"at most maximum_depth, {device.maximum_depth:g} m")
-    if device.joules_per_inflection < 0.0 or (device.seconds_per_surfacing or 0.0) < 0.0:
-        raise ConfigError(
-            f"{table.where()}: expected energies and times of at least 0, found less. Correct them."
-        )
-    table.close()
-    return device
-
-
-def _from_given(number: Any, file: str) -> Quantity:
-    return Quantity(number.value, number.sigma or 0.0, number.unit, number.source or file)
-
-
-def _battery(table: Table | None, energy: Table | None, base: Vehicle | None) -> tuple[Battery, list[str]]:
-    """The pack: a named one, or one made from the capacity and voltages of the energy section, with overrides."""
-    assumed: list[str] = []
-    capacity = energy.quantity("battery_capacity", "J") if energy is not None else None
-    voltages = energy.table("open_circuit_voltage") if energy is not None else None
-    name = table.text("pack") if table is not None else None
-    if name is not None and name not in PACKS:
-        assert table is not None
-        raise ConfigError(
-            f"{table.where('pack')}: unknown pack '{name}'.{did_you_mean(name, PACKS) or _known_packs()}"
-        )
-    if name is not None:
-        battery = pack(name)
-    elif base is not None:
-        battery = base.battery
-    else:
-        battery = pack(_BATTERY_NAME)
-        if capacity is None and (table is None or "capacity" not in table):
-            assumed.append(f"battery: pack '{_BATTERY_NAME}' from default")
-    if voltages is not None:
-        full, empty = (
-            voltages.number("full", None, 1.0, 1000.0, "V"),
-            voltages.number("empty", None, 1.0, 1000.0, "V"),
-        )
-        if full is None or empty is None or empty > full:
-            raise voltages.wrong("full", "'full' at or above 'empty', both in V")
-        voltages.close()
-        battery = replace(
-            battery, voltage_curve=((0.0, empty), (1.0, full)), undervolts=min(battery.undervolts, empty)
-        )
-    if capacity is not None:
-        assert energy is not None
-        if capacity.value <= 0.0:
-            raise energy.wrong("battery_capacity", "more than 0 J")
-        # Charge follows from energy by the mean of the voltage curve over charge.
-        mean = mean_voltage(battery.voltage_curve)
-        source = capacity.source or energy.file
-        sigma = 0.0 if capacity.sigma is None else capacity.sigma
-        battery = replace(
-            battery,
-            name="given capacity" if name is None else battery.name,
-            chemistry="linear" if voltages is not None and name is None else battery.chemistry,
-            energy=Quantity(capacity.value, sigma, "J", source),
-            capacity=Quantity(capacity.value / mean, sigma / mean, "C", source),
-        )
-        if name is None and base is None:
-            # A capacity in joules says how much is there; nothing is known of resistance or cold.
-            battery = replace(
-                battery,
-                internal_resistance=Quantity(0.0, 0.0, "ohm", "left out unless named"),
-                temperature_derating=Quantity(0.0, 0.0, "K-1", "left out unless named"),
-                usable_fraction=Quantity(1.0, 0.0, "1", "the capacity given is the usable one"),
-            )
-            assumed.append(
-                "battery: all of the given capacity is usable; no internal resistance, no loss in the cold"
-            )
-    if table is not None:
-        battery = _battery_overrides(table, battery)
-    return battery, assumed
-
-
-def _known_packs() -> str:
-    return f" Known: {', '.join(PACKS)}."
-
-
-def mean_voltage(curve: tuple[tuple[float, float], ...]) -> float:
-    """Mean of a voltage curve over charge, V."""
-    pairs = zip(curve, curve[1:], strict=False)
-    return sum((b[0] - a[0]) * (a[1] + b[1]) / 2.0 for a, b in pairs) / (curve[-1][0] - curve[0][0])
-
-
-def _battery_overrides(table: Table, battery: Battery) -> Battery:
-    changes: dict[str, Any] = {}
-    limits = {
-        "capacity": ("C", 1.0, 1e8), "energy": ("J", 1.0, 1e10), "usable_fraction": ("1", 0.01, 1.0),
-        "internal_resistance": ("ohm", 0.0, 10.0), "temperature_derating": ("K-1", 0.0, 0.1),
-    }  # fmt: skip
-    for key, (unit, low, high) in limits.items():
-        number = table.quantity(key, unit)
-        if number is not None:
-            if not low <= number.value <= high:
-                raise ConfigError(
-                    f"{table.where(key)}: expected {low:g} to {high:g} {unit}, found {number.value:g}. Correct it."
-                )
-            changes[key] = _from_given(number, table.file)
-    for key, low, high in (("undervolts", 0.0, 100.0), ("reserve_fraction", 0.0, 0.99)):
-        value = table.number(key, None, low, high)
-        if value is not None:
-            changes[key] = value
-    for key in ("name", "chemistry"):
-        text = table.text(key)
-        if text is not None:
-            changes[key] = text
-    raw = table.raw("voltage_curve")
-    if raw is not None:
-        points = [number_list(point) for point in raw] if isinstance(raw, list) else []
-        curve = [point for point in points if point is not None and len(point) == 2]
-        ascending = all(a[0] < b[0] for a, b in zip(curve, curve[1:], strict=False))
-        if (
-            len(curve) < 2
-            or len(curve) != len(points)
-            or not ascending
-            or curve[0][0] < 0.0
-            or curve[-1][0] > 1.0
-        ):
-            raise table.wrong("voltage_curve", "two or more [state of charge 0..1 ascending, volts]")
-        changes["voltage_curve"] = tuple((float(s), float(v)) for s, v in curve)
-    battery = replace(battery, **changes)
-    # One of charge and energy given alone sets the other by the mean voltage.
-    mean = mean_voltage(battery.voltage_curve)
-    if "capacity" in changes and "energy" not in changes:
-        c = battery.capacity
-        battery = replace(battery, energy=Quantity(c.value * mean, c.sigma * mean, "J", c.source))
-    elif "energy" in changes and "capacity" not in changes:
-        e = battery.energy
-        battery = replace(battery, capacity=Quantity(e.value / mean, e.sigma / mean, "C", e.source))
-    return battery
-
-
 def _covariances(
     top: Table, base: Vehicle | None, given: set[str], quantities: dict[str, Quantity]
 ) -> tuple[tuple[CovarianceBlock, ...], dict[str, Quantity]]:
@@ -398,15 +189,11 @@ def _covariances(
             )
         for name in names:
             if name not in quantities:
-                raise ConfigError(
-                    f"{table.where('names')}: unknown quantity '{name}'.{did_you_mean(name, quantities)}"
-                )
+                raise ConfigError(f"{table.where('names')}: unknown quantity '{name}'.{did_you_mean(name, quantities)}")
             if name in taken:
                 raise ConfigError(f"{table.where('names')}: '{name}' stands twice. Keep it in one block.")
             taken.add(name)
-        block = CovarianceBlock(
-            tuple(names), tuple(row for row in rows if row is not None), table.text("source") or ""
-        )
+        block = CovarianceBlock(tuple(names), tuple(row for row in rows if row is not None), table.text("source") or "")
         table.close()
         blocks.append(block)
         for i, name in enumerate(names):
@@ -437,17 +224,13 @@ def _terms(table: Table | None, base: Vehicle | None) -> dict[str, dict[str, Qua
 
 
 def _speeds(table: Table | None, base: Vehicle | None, path: Path) -> dict[str, Any]:
-    speeds: dict[str, Any] = (
-        {"distribution": "paper2010", "shoebox": 0.34} if base is None else dict(base.speeds)
-    )
+    speeds: dict[str, Any] = {"distribution": "paper2010", "shoebox": 0.34} if base is None else dict(base.speeds)
     if table is None:
         return speeds
     file, name, kind = table.text("file"), table.text("distribution"), table.text("kind")
     shoebox = table.number("shoebox", None, 0.01, 3.0, "m/s")
     if file is not None and name is not None:
-        raise ConfigError(
-            f"{table.where()}: 'file' and 'distribution' contradict each other. Keep one of them."
-        )
+        raise ConfigError(f"{table.where()}: 'file' and 'distribution' contradict each other. Keep one of them.")
     if kind not in (None, "over_ground", "through_water"):
         raise table.wrong("kind", "'over_ground' or 'through_water'")
     if file is not None:
