@@ -192,7 +192,10 @@ def histogram_regions(
     values = left_out[seen][order]
     share = np.cumsum(histogram.counts[seen][order]) / histogram.total
     contours = contourpy.contour_generator(
-        z=smooth, name="serial", fill_type=contourpy.FillType.OuterOffset, line_type=contourpy.LineType.Separate
+        z=smooth,
+        name="serial",
+        fill_type=contourpy.FillType.OuterOffset,
+        line_type=contourpy.LineType.Separate,
     )
     found = []
     for p in probabilities:
