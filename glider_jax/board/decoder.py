@@ -166,6 +166,11 @@ class Decoder:
         self.report = Report()
         self._rest = np.empty(0, dtype=np.uint8)
 
+    @property
+    def pending(self) -> int:
+        """Bytes fed so far that may be the beginning of a frame not yet complete."""
+        return self._rest.size
+
     def feed(self, data: bytes | NDArray[np.uint8], final: bool = False) -> Batch:
         """Decode the next bytes; ``final`` says that no more will come."""
         new = (
