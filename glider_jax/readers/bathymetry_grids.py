@@ -14,6 +14,7 @@ import netCDF4
 import numpy as np
 
 from glider_jax.errors import CoverageError, DataError, did_you_mean
+from glider_jax.readers.classic_netcdf import check_whole, check_whole_bytes
 from glider_jax.readers.curvilinear import regrid_curvilinear, regular_axes
 from glider_jax.records import Array
 
@@ -50,6 +51,10 @@ class Raw:
 
 def open_netcdf(where: str, source: Path | bytes) -> netCDF4.Dataset:
     """Open a NetCDF file from a path or from bytes, or say in one sentence why it cannot be."""
+    if isinstance(source, bytes):
+        check_whole_bytes(source, len(source), where)
+    else:
+        check_whole(source)
     try:
         if isinstance(source, bytes):
             return netCDF4.Dataset("inside.nc", memory=source)

@@ -1,12 +1,11 @@
 """Bathymetry in text (XYZ columns, ESRI ASCII), in Matlab files and inside zip files.
 
-NumPy and scipy. A newcomer would get wrong: XYZ text has no header that tells the sign (survey centres deliver
+NumPy only. A newcomer would get wrong: XYZ text has no header that tells the sign (survey centres deliver
 elevation under the word depth), rows may be missing, and six printed decimals make an even grid look uneven.
 """
 
 from __future__ import annotations
 
-import io
 import re
 import zipfile
 import zlib
@@ -14,8 +13,6 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from scipy.io import loadmat
-from scipy.io.matlab import MatReadError
 
 from glider_jax.errors import DataError, did_you_mean
 from glider_jax.readers.bathymetry_grids import (
@@ -32,6 +29,7 @@ from glider_jax.readers.bathymetry_grids import (
     select_columns,
     select_rows,
 )
+from glider_jax.readers.matlab_numbers import matlab_arrays
 from glider_jax.records import Array
 
 #: First bytes of files that are something else, and what to do with them.
@@ -47,16 +45,6 @@ FOREIGN = (
     (b"<", "a web page or XML", "Get the data file itself."),
 )
 ESRI_KEYS = ("ncols", "nrows", "xllcorner", "xllcenter", "yllcorner", "yllcenter", "cellsize", "nodata_value")
-DAMAGED_MATLAB = (
-    MatReadError,
-    ValueError,
-    TypeError,
-    KeyError,
-    IndexError,
-    OSError,
-    NotImplementedError,
-    zlib.error,
-)
 TABLE_SUFFIXES = (".xyz", ".asc", ".txt", ".csv", ".dat", ".nc", ".grd", ".mat")
 SAME = 2e-5  # degrees; positions closer than this are one column, as six printed decimals make them
 HEADER_LINES = 10  # names and units stand in no more lines than this
@@ -93,7 +81,7 @@ def read(kind: str, path: Path, box: Box | None, names: Mapping[str, str]) -> Ra
     if kind == "zip":
         return _read_zip(path, box, names)
     if kind == "matlab":
-        return _read_matlab(io.BytesIO(path.read_bytes()), path.name, box, names)
+        return _read_matlab(path.read_bytes(), path.name, box, names)
     return _read_text(kind, path.read_bytes(), path.name, box)
 
 
@@ -128,22 +116,14 @@ def _read_zip(path: Path, box: Box | None, names: Mapping[str, str]) -> Raw:
         with open_netcdf(where, content) as file:
             return read_netcdf(file, where, box, names)
     if kind == "matlab":
-        return _read_matlab(io.BytesIO(content), where, box, names)
+        return _read_matlab(content, where, box, names)
     return _read_text(kind, content, where, box)
 
 
-def _read_matlab(stream: io.BytesIO, where: str, box: Box | None, names: Mapping[str, str]) -> Raw:
+def _read_matlab(content: bytes, where: str, box: Box | None, names: Mapping[str, str]) -> Raw:
     """Read longitudes, latitudes and depths, as vectors or as matrices, from a Matlab file."""
-    try:
-        content = loadmat(stream)
-    except DAMAGED_MATLAB as problem:
-        raise DataError(
-            f"{where}: expected a readable Matlab file, found a damaged one ({problem})."
-        ) from problem
     arrays = {
-        k: np.asarray(v, float)
-        for k, v in content.items()
-        if isinstance(v, np.ndarray) and v.dtype.kind in "fiu" and v.size > 1 and v.ndim == 2
+        k: v.astype(float) for k, v in matlab_arrays(content, where).items() if v.size > 1 and v.ndim == 2
     }
 
     def find(which: str, usual: tuple[str, ...], part: str) -> str:
