@@ -18,6 +18,7 @@ from glider_jax_data import path as bundled_path
 
 from glider_jax.config import Aborts, Mission, SampleRule, SurfaceRule, Yo, check_mission
 from glider_jax.errors import ConfigError, DataError
+from glider_jax.readers.slocum_missions import read_slocum_mission
 from glider_jax.readers.toml_checks import Table, load_toml, number_list
 from glider_jax.records import Source
 
@@ -60,8 +61,6 @@ def read_mission(
     if suffix == ".toml":
         mission = read_toml_mission(found)
     elif found.is_dir() or suffix == ".mi":
-        from glider_jax.readers.slocum_missions import read_slocum_mission
-
         mission = read_slocum_mission(found, decimal_degrees=decimal_degrees)
     elif not found.exists():
         raise DataError(f"{found}: expected a mission file or folder, found nothing there. Check the path.")
@@ -89,7 +88,7 @@ def read_toml_mission(path: str | Path) -> Mission:
     start = parse_time(main, "start")
     start_position, waypoints = _route(main)
     yo = _yo(main, yo_table)
-    rules = tuple(_rule(table) for table in top.tables("surface"))
+    rules = listed = tuple(_rule(table) for table in top.tables("surface"))
     every = main.quantity("surface_every", "s")
     if every is not None:
         if not every.value > 0.0:
@@ -98,7 +97,7 @@ def read_toml_mission(path: str | Path) -> Mission:
     if not rules:
         rules = (SurfaceRule("after", seconds=DEFAULT_SURFACE_EVERY, when_yo_ends=True, name="surface_every"),)
         notes.append(f"surface_every: {DEFAULT_SURFACE_EVERY:g} s assumed, the file names no rule to surface")
-    if every is not None or "surface" not in top.data:
+    if every is not None or not listed:
         rules = (*rules, SurfaceRule("mission_done", ends_mission=True, name="mission_done"))
     radius, stay = main.quantity("waypoint_radius", "m"), main.quantity("surface_stay", "s")
     if radius is None:
