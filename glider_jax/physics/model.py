@@ -24,7 +24,7 @@ from jax import Array
 from glider_jax.config import Quantity, Vehicle
 from glider_jax.errors import ConfigError, did_you_mean
 from glider_jax.physics.flight import Glide, steady_glide
-from glider_jax.physics.library import LIBRARY
+from glider_jax.physics.library import TERMS_BY_ID
 from glider_jax.physics.library.base import BASE, Body, Hull, InducedDrag, Lift, ParasiteDrag
 from glider_jax.physics.perturb import draw_parameters
 from glider_jax.physics.term import (
@@ -42,7 +42,7 @@ from glider_jax.physics.term import (
 _GLIDE_STATE = frozenset({"speed_through_water", "angle_of_attack", "glide_angle"})
 _GLIDE_CHANNELS = frozenset(
     {Channel.DRAG_COEFFICIENT, Channel.INDUCED_DRAG, Channel.LIFT_SLOPE, Channel.LOG_DRAG, Channel.LOG_LIFT}
-    | {Channel.THRUST, Channel.NET_BUOYANCY, Channel.PITCH}
+    | {Channel.THRUST, Channel.NET_BUOYANCY, Channel.PITCH, Channel.LOG_SPEED}
 )
 _SPEED_ROUNDS = 4
 
@@ -190,7 +190,7 @@ def build_model(vehicle: Vehicle, *, dtype: Any) -> FlightModel:
     ------
     ConfigError : a term or parameter of ``vehicle.terms`` is unknown, or its unit is not the declared one.
     """
-    known = {kind.info.id: kind for kind in LIBRARY}
+    known = TERMS_BY_ID
 
     def base(kind: type) -> Any:
         named = {name: info.quantity for name, info in declared(kind).items()}

@@ -21,6 +21,9 @@ from jax import Array
 
 Scalar: TypeAlias = Array
 
+PER_DAY = 86400.0
+DEGREE = 180.0 / math.pi
+
 
 class Channel(Enum):
     """Where a term's number goes; the value is its name and unit. See :mod:`glider_jax.physics.model` for the sums."""
@@ -84,7 +87,8 @@ class Sample(NamedTuple):
     bottom_depth, height_above_bottom, east, north : m. latitude : rad. gravity : m s-2.
     stroke_volume : m3 moved in one pump event. inflection_depth : m.
     voltage, current, state_of_charge, battery_temperature : V, A, 1, K.
-    surface_duration, time_since_surfacing, time_since_inflection : s.
+    surface_duration : s spent at the surface in this surfacing, or the last. time_since_surfacing : s since it left
+        the surface, 0 while up. time_since_inflection : s since the last turn.
     fin_rate : rad s-1, mean absolute rate of the rudder. inflections : count since the deployment began.
     thruster_power : W. mass, hull_volume, wing_area, parasite_drag, induced_drag, lift_slope : of the base model.
     """
@@ -276,6 +280,11 @@ def parameter(
 def constant(value: float, *, unit: str, text: str, source: str) -> Any:
     """Declare a number with a unit that is known and is neither drawn nor fitted."""
     return parameter(Fixed(value), unit=unit, text=text, source=source, role="constant")
+
+
+def reference_temperature() -> Any:
+    """Declare the temperature about which temperature effects are stated, 288.15 K."""
+    return constant(288.15, unit="K", text="temperature without effect", source="convention, 15 degC")
 
 
 def _as_leaf(value: Any) -> Any:
