@@ -23,6 +23,8 @@ FASTEST, JUMP = 3.0, 300.0
 #: m; a fix reported while the hull was deeper than this within ``FIX_DEPTH_WITHIN`` seconds is an old one,
 #: held.
 FIX_DEPTH, FIX_DEPTH_WITHIN = 10.0, 10.0
+#: s; fixes further apart belong to different surfacings.
+SURFACING = 1800.0
 METRES_PER_DEGREE = 111_195.0
 
 
@@ -256,7 +258,11 @@ def mend_fixes(time: Array, channels: dict[str, Array], tally: Tally) -> None:
 
 
 def _jumps(time: Array, lat: Array, lon: Array) -> Array:
-    """True for fixes too far from both neighbours while those agree with each other."""
+    """True for fixes too far from their neighbours: spikes, and one or two old fixes reported at power-up.
+
+    A break is a step that neither drift nor glide explains. A run of one or two fixes between breaks is wrong if a
+    run of three or more lies on the other side of one, or if the fixes around it agree with each other.
+    """
     n = time.size
     bad = np.zeros(n, bool)
     if n < 3:
@@ -267,11 +273,19 @@ def _jumps(time: Array, lat: Array, lon: Array) -> Array:
         distance = METRES_PER_DEGREE * np.hypot(east, lat[j] - lat[i])
         return distance > JUMP + FASTEST * np.abs(time[j] - time[i])
 
-    middle = np.arange(1, n - 1)
-    bad[1:-1] = too_far(middle - 1, middle) & too_far(middle, middle + 1) & ~too_far(middle - 1, middle + 1)
-    ends = np.array([0, n - 1])
-    nearer, further = np.array([1, n - 2]), np.array([2, n - 3])
-    bad[ends] = too_far(ends, nearer) & too_far(ends, further) & ~too_far(nearer, further)
+    step = np.arange(n - 1)
+    broken = too_far(step, step + 1)
+    parted = broken | (np.diff(time) > SURFACING)
+    run = np.concatenate([[0], np.cumsum(parted)])
+    size = np.bincount(run)
+    for k in np.flatnonzero(broken):
+        left, right = run[k], run[k + 1]
+        if size[left] <= 2 and size[right] >= 3:
+            bad |= run == left
+        elif size[right] <= 2 and size[left] >= 3:
+            bad |= run == right
+    middle = step[1:]
+    bad[1:-1] |= broken[:-1] & broken[1:] & ~too_far(middle - 1, middle + 1)
     return bad
 
 
