@@ -79,8 +79,9 @@ def to_ellipse(east: Array, north: Array) -> tuple[Array, Array, Array, Array]:
     major, minor = np.abs(counter) + np.abs(clock), np.abs(counter) - np.abs(clock)
     inclination = 0.5 * (np.angle(counter) + np.angle(clock))
     phase = 0.5 * (np.angle(clock) - np.angle(counter))
-    turns = np.floor(inclination / np.pi)
-    return major, minor, inclination - np.pi * turns, np.mod(phase - np.pi * turns, 2 * np.pi)
+    turns = np.floor((inclination + 1e-12) / np.pi)  # rounding below 0 must not become pi
+    inclination = np.maximum(inclination - np.pi * turns, 0.0)
+    return major, minor, inclination, np.mod(phase - np.pi * turns, 2 * np.pi)
 
 
 def read_tides(
