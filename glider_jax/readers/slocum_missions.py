@@ -45,6 +45,8 @@ _ABEND = {
     "maximum_waypoint_distance": ("max_wpt_distance", -1.0, 1.0, math.inf),
     "remaining_charge": ("remaining_charge_min", 10.0, 0.01, math.inf),
 }
+#: behaviours that cannot be flown without their argument file
+_NEEDED = {"yo", "goto_list", "surface", "abend"}
 #: behaviours that change neither path nor energy as simulated
 _SKIPPED = {"prepare_to_dive", "nop_cmds", "send_file", "sensors_in"}
 #: sensor settings about telemetry, logging and warnings
@@ -180,10 +182,9 @@ def _with_file(behavior: Behavior, reading: _Reading) -> Behavior:
     names = (f"{stem}{int(value):02d}.ma", f"{stem}{int(value)}.ma")
     path = reading.find(names)
     if path is None:
-        if behavior.name == "sample":
-            reading.unsupported.append(
-                f"sample ({behavior.where}): {names[0]} is not there, its devices keep their rule"
-            )
+        if behavior.name not in _NEEDED:
+            kept = ", its devices keep their rule" if behavior.name == "sample" else ""
+            reading.unsupported.append(f"{behavior.name} ({behavior.where}): {names[0]} is not there{kept}")
             return replace(behavior, arguments={})
         raise DataError(
             f"{behavior.where}: behavior {behavior.name} expects {names[0]}, found none beside {reading.mi.name} nor "

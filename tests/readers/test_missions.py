@@ -7,11 +7,11 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
+import glider_jax_data
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import glider_jax_data
 from glider_jax.config import SURFACE_KINDS, Aborts, Mission, SampleRule, SurfaceRule, Yo, check_mission
 from glider_jax.errors import ConfigError, DataError
 from glider_jax.readers.missions import mission_toml, read_mission, write_mission_toml
@@ -148,7 +148,7 @@ BASE = "[mission]\nwaypoints = [[39.3, -73.6], [39.1, -73.0]]\n"
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (BASE + "[yo]\ndive_too = 100\ndive_to = 90\n", r"mission.toml: \[yo\] unknown key 'dive_too'. Did you mean 'dive_to'\?"),
+        (BASE + "[yo]\ndive_too = 1\ndive_to = 9\n", r"toml: \[yo\] unknown key 'dive_too'. Did you mean 'dive_to'\?"),
         (BASE + "dive_to = 100\nsurface_evry = 3\n", "Did you mean 'surface_every'"),
         (BASE, "expected the depth of a dive"),
         (BASE + "dive_to = 3\nclimb_to = 100\n", "deeper than climb_to"),
@@ -215,6 +215,7 @@ def test_what_is_assumed_is_noted(tmp_path):
 POSITION = st.tuples(st.floats(-90.0, 90.0), st.floats(-180.0, 180.0))
 POSITIVE = st.floats(1e-3, 1e7)
 PITCH = st.floats(math.radians(5.0), math.radians(60.0))
+STATES = ["dive", "hover", "climb", "surface"]
 TEXT = st.text(st.characters(exclude_categories=("Cs",)), max_size=12)
 
 
@@ -263,7 +264,7 @@ def missions(draw):
         first_waypoint=draw(st.none() | st.integers(0, n - 1)),
         surface_stay=draw(st.floats(0.0, 6e5)),
         samples=tuple(
-            SampleRule(t, frozenset(draw(st.sets(st.sampled_from(["dive", "hover", "climb", "surface"])))), i, low, low + i)
+            SampleRule(t, frozenset(draw(st.sets(st.sampled_from(STATES)))), i, low, low + i)
             for t, i in draw(st.lists(st.tuples(st.integers(0, 99), st.floats(0.0, 1e4)), max_size=2))
         ),
         aborts=Aborts(
