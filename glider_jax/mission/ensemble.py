@@ -1,0 +1,248 @@
+"""The ensemble: members drawn, flown under one compiled scan, and brought back to the host as a ``Track``.
+
+Scan over output times, loop over mission steps within each until every member has passed it, vmap over members,
+``shard_map`` over host devices, chunks on the host for memory. A member depends on the seed and its own number
+only, so the result does not depend on chunks or devices.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.sharding import Mesh, PartitionSpec
+
+from glider_jax.config import Vehicle
+from glider_jax.errors import ConfigError, Outcome
+from glider_jax.mission.legs import TabulatedLegs, tabulate
+from glider_jax.mission.plan import Plan, Shape
+from glider_jax.mission.randoms import START_STREAM, key_words, normals
+from glider_jax.mission.step import Environment, Log, Member, State, Sums, next_due, sample_speed, step
+from glider_jax.physics.model import FlightModel, draw
+from glider_jax.physics.perturb import log_normal, standard_normal
+from glider_jax.physics.term import Sample
+
+
+class Column(NamedTuple):
+    """The water column the flight tables are made for: values at layer middles, SI."""
+
+    depth: Any
+    sea_pressure: Any
+    temperature: Any
+    density: Any
+    step: Any
+
+
+class Output(NamedTuple):
+    """What is kept of every member at an output time; frame metres, s, J."""
+
+    east: Any
+    north: Any
+    depth: Any
+    phase: Any
+    active: Any
+    current_east: Any
+    current_north: Any
+    sums: Sums
+    surfaced: Log
+    surfaced_before: Log
+    left: Log
+    left_before: Log
+
+
+def member_keys(seed: int, first: int, count: int):
+    """One key per member, of the seed and the member's number."""
+    root = jax.random.key(seed)
+    return jax.vmap(lambda i: jax.random.fold_in(root, i))(jnp.arange(first, first + count))
+
+
+def draw_members(model: FlightModel, vehicle: Vehicle, devices, spread: float, keys, dtype) -> Member:
+    """Draw every member's physics and errors from the vehicle's uncertainties; energy limits are set later.
+
+    ``devices`` has ``power`` (groups, 3), ``joules_per_surfacing`` and ``joules_per_inflection`` (groups,).
+    ``spread`` scales every perturbation; 0 gives identical members.
+    """
+
+    def one(key):
+        def normal(name):
+            return standard_normal(key, name, dtype)
+
+        def factor(name):
+            return log_normal(jnp.asarray(1.0, dtype), spread * vehicle.value(name), normal(name))
+
+        heading = spread * vehicle.value("perturbation.heading") * normal("perturbation.heading")
+        return Member(
+            key=key_words(key),
+            model=draw(model, vehicle, key, spread),
+            heading=heading,
+            turn=(jnp.cos(heading), jnp.sin(heading)),
+            stay=factor("perturbation.surface_stay"),
+            speed=factor("perturbation.speed"),
+            power=tuple(jnp.asarray(watts, dtype) for watts in np.sum(devices.power, axis=0)),
+            per_surfacing=jnp.asarray(np.sum(devices.joules_per_surfacing), dtype),
+            per_inflection=jnp.asarray(np.sum(devices.joules_per_inflection), dtype),
+            energy_limit=jnp.asarray(np.inf, dtype),
+            limit_code=jnp.asarray(int(Outcome.BATTERY_EMPTY), jnp.int32),
+        )
+
+    return jax.vmap(one)(keys)
+
+
+def initial_state(plan: Plan, shape: Shape, env: Environment, member: Member, east, north, spread: float, sd: float):
+    """A mission about to dive at the start of the forecast; the first position carries the fix's error."""
+    dtype = plan.dive_to.dtype
+    zero = jnp.zeros((), dtype)
+    off = [spread * sd * number for number in normals(member.key, jnp.int32(0), START_STREAM, dtype)]
+    sx, sy = env.frame.stretch(north)
+    x, y = east + off[0] * sx, north + off[1] * sy
+    here, _, _ = env.bathymetry.depth(x, y)
+    turn = jnp.clip(jnp.where(jnp.isnan(here), plan.dive_to, here - plan.altitude), plan.minimum_yo, plan.dive_to)
+    due, reason = next_due(plan, shape, zero, zero, zero)
+    errors = normals(member.key, jnp.int32(1), START_STREAM, dtype)
+    sums = Sums(*(zero for _ in Sums._fields))
+    nan = jnp.asarray(jnp.nan, dtype)
+    none = Log(nan, nan, nan, jnp.int32(-1))
+    speed = sample_speed(plan, member.key, jnp.int32(0)) if shape.speed == "constant" else zero
+    return State(
+        time=zero, east=x, north=y, dr_east=x, dr_north=y, dac_east=zero, dac_north=zero, depth=zero,
+        turn=turn, at_surface=jnp.asarray(False), due=due, reason=reason, dive_clock=zero,
+        leg=jnp.int32(0), done=jnp.asarray(False), segment_speed=speed, segment_yos=zero,
+        error_east=errors[0], error_north=errors[1], current_east=zero, current_north=zero, sums=sums, delta=sums,
+        last_time=jnp.ones_like(zero), last_east=zero, last_north=zero, last_turn=zero, last_top=zero,
+        last_dive=jnp.ones_like(zero), last_climb=jnp.ones_like(zero), last_up=jnp.asarray(True), contacts=zero,
+        outcome=jnp.int32(int(Outcome.FLYING)), end_time=nan, steps=jnp.int32(0),
+        arrivals=(nan,) * shape.waypoints, surfaced=none, surfaced_before=none, left=none, left_before=none,
+    )  # fmt: skip
+
+
+def flight_legs(member: Member, plan: Plan, column: Column, elapsed) -> TabulatedLegs:
+    """Legs of a member's steady glide through the water column, with its physics as it is at ``elapsed`` s."""
+
+    def glide(direction, pitch, volume, depth, pressure, temperature, density):
+        sample = Sample.of(
+            depth.dtype,
+            time=elapsed, elapsed=elapsed, depth=depth, sea_pressure=pressure, temperature=temperature,
+            density=density, pitch=direction * pitch, direction=direction, buoyancy_volume=volume,
+        )  # fmt: skip
+        g = member.model.steady_glide(sample)
+        vertical = direction * -g.depth_rate
+        good = g.valid & (vertical > 0.01)
+        return jnp.where(good, vertical, 0.01), jnp.where(good, g.horizontal_speed * member.speed, 0.0), good
+
+    levels = jax.vmap(glide, in_axes=(None, None, None, 0, 0, 0, 0))
+    water = (column.depth, column.sea_pressure, column.temperature, column.density)
+    down, ahead_down, good_down = levels(-1.0, plan.dive_pitch, plan.dive_volume, *water)
+    up, ahead_up, good_up = levels(1.0, plan.climb_pitch, plan.climb_volume, *water)
+    needed = column.depth <= plan.dive_to
+    flies = jnp.all((good_down & good_up) | ~needed)
+    return tabulate(1.0 / down, ahead_down, 1.0 / up, ahead_up, column.step, flies)
+
+
+def _output(state: State, interval, base) -> Output:
+    """The state at an output time that lies within the step just made, by linear interpolation."""
+    back = jnp.maximum(state.time - interval, 0.0)
+    share = jnp.clip(back / state.last_time, 0.0, 1.0)
+    # Depth follows the saw-tooth backwards from the end of the step.
+    rest = jnp.where(back < state.last_climb, back, jnp.mod(back, state.last_dive + state.last_climb))
+    rising = rest < state.last_climb
+    climbed = state.last_top + (state.last_turn - state.last_top) * rest / jnp.maximum(state.last_climb, 1.0)
+    dived = (rest - state.last_climb) / jnp.maximum(state.last_dive, 1.0)
+    fallen = state.last_turn - (state.last_turn - state.last_top) * dived
+    depth = jnp.where(state.last_up, 0.0, jnp.maximum(jnp.where(rising, climbed, fallen), 0.0))
+    flying = (state.outcome == int(Outcome.FLYING)) | (state.end_time > base + interval)
+    phase = jnp.where(state.last_up | ~flying, 3, jnp.where(rising, 1, 2)).astype(jnp.int8)
+    return Output(
+        east=state.east - share * state.last_east,
+        north=state.north - share * state.last_north,
+        depth=jnp.where(flying, depth, 0.0),
+        phase=phase,
+        active=flying,
+        current_east=state.current_east,
+        current_north=state.current_north,
+        sums=jax.tree.map(lambda total, last: total - share * last, state.sums, state.delta),
+        surfaced=state.surfaced,
+        surfaced_before=state.surfaced_before,
+        left=state.left,
+        left_before=state.left_before,
+    )
+
+
+def fly(members: Member, plan: Plan, shape: Shape, env: Environment, column: Column | None, state: State):
+    """Fly all members through all output times; traced.
+
+    Returns
+    -------
+    The final state and the outputs with leading dimensions (output time, member).
+    """
+    interval = plan.interval
+    dtype = interval.dtype
+
+    def block(state, b):
+        start = (b * shape.intervals).astype(dtype) * interval
+        legs = None
+        if shape.speed == "flight":
+            legs = jax.vmap(lambda m: flight_legs(m, plan, column, start))(members)
+
+        def until(state, k):
+            index = b * shape.intervals + k
+            base = index.astype(dtype) * interval
+            clock = env.currents.clock(jnp.zeros((), dtype), interval, index)
+            one = jax.vmap(lambda m, g, go, s: step(m, plan, shape, env, g, clock, base, go, s))
+
+            def pending(state):
+                return (state.outcome == int(Outcome.FLYING)) & (state.time < interval)
+
+            state = jax.lax.while_loop(
+                lambda s: jnp.any(pending(s)), lambda s: one(members, legs, pending(s), s), state
+            )
+            out = _output(state, interval, base)
+            return state._replace(time=state.time - interval, due=state.due - interval), out
+
+        return jax.lax.scan(until, state, jnp.arange(shape.intervals, dtype=jnp.int32))
+
+    state, outputs = jax.lax.scan(block, state, jnp.arange(shape.blocks, dtype=jnp.int32))
+    return state, jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:]), outputs)
+
+
+@partial(jax.jit, static_argnames=("shape", "mesh"))
+def _compiled(members, plan, shape, env, column, east, north, spread, sd, mesh):
+    def run(members, plan, env, column, east, north, spread, sd):
+        start = jax.vmap(lambda m: initial_state(plan, shape, env, m, east, north, spread, sd))(members)
+        return fly(members, plan, shape, env, column, start)
+
+    if mesh is None:
+        return run(members, plan, env, column, east, north, spread, sd)
+    rows, everywhere = PartitionSpec("members"), PartitionSpec()
+    sharded = jax.shard_map(
+        run,
+        mesh=mesh,
+        in_specs=(rows, *(everywhere for _ in range(7))),
+        out_specs=(rows, PartitionSpec(None, "members")),
+        check_vma=False,
+    )
+    return sharded(members, plan, env, column, east, north, spread, sd)
+
+
+def run_members(members, plan, shape, env, column, east, north, *, spread=1.0, fix_sd=10.0, devices=None):
+    """Run a batch of members on the given devices (all host devices by default); its size is padded to fit."""
+    devices = jax.devices() if devices is None else devices
+    count = members.heading.shape[0]
+    if count < 1:
+        raise ConfigError(f"ensemble: expected at least 1 member, found {count}.")
+    use = devices if count >= 2 * len(devices) else devices[:1]
+    pad = -count % len(use)
+    if pad:
+        members = jax.tree.map(lambda a: jnp.concatenate([a, a[:pad]]), members)
+    mesh = Mesh(np.array(use), ("members",)) if len(use) > 1 else None
+    number = partial(jnp.asarray, dtype=plan.dive_to.dtype)
+    state, outputs = _compiled(
+        members, plan, shape, env, column, number(east), number(north), number(spread), number(fix_sd), mesh
+    )
+    if pad:
+        state = jax.tree.map(lambda a: a[:count], state)
+        outputs = jax.tree.map(lambda a: a[:, :count], outputs)
+    return state, outputs
+

@@ -1,0 +1,365 @@
+"""From records to a finished ensemble: choose the frame, tabulate, draw, fly in chunks, and bring home a ``Track``.
+
+The one place where the pieces meet; the command line, notebooks and live forecasts call :func:`forecast`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from glider_jax import __version__
+from glider_jax.config import Mission, Vehicle
+from glider_jax.environment.fields import flat_bottom, make_bathymetry, make_currents, still_water
+from glider_jax.environment.frame import Frame
+from glider_jax.errors import ConfigError, CoverageError, Outcome
+from glider_jax.mission.battery import battery_state, energy_limits
+from glider_jax.mission.ensemble import Column, Output, draw_members, member_keys, run_members
+from glider_jax.mission.plan import Plan, Shape, legs_of, make_plan
+from glider_jax.mission.step import Environment, Member, State
+from glider_jax.mission.water import make_column
+from glider_jax.physics.battery import build_pack, draw_pack
+from glider_jax.physics.devices import build_devices
+from glider_jax.physics.model import build_model, parameters
+from glider_jax.records import BathymetryGrid, CurrentGrid, Track, WaterProfile
+
+CHUNK = 10_000
+_MOTORS = ("pump out", "pump in", "brake", "hotel")
+
+
+@dataclass(frozen=True)
+class Run:
+    """Everything a forecast needs, prepared once; chunks of members are flown from it.
+
+    ``notes`` are sentences for the user. ``settings`` goes into every product.
+    """
+
+    mission: Mission
+    vehicle: Vehicle
+    plan: Plan
+    shape: Shape
+    environment: Environment
+    column: Column | None
+    frame: Frame
+    model: Any
+    devices: Any
+    t0: float
+    interval: float
+    duration: float
+    start: tuple[float, float]
+    order: tuple[tuple[float, float], ...]
+    seed: int
+    spread: float
+    water_temperature: float
+    settings: dict[str, Any] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+
+def output_interval(duration: float, mission: Mission) -> float:
+    """Seconds between outputs: about 120 over the forecast, on round values, and never longer than the time between
+    two surfacings, so that none is lost."""
+    choices = np.array([300.0, 600.0, 900.0, 1800.0, 3600.0, 7200.0, 10800.0])
+    periods = [r.seconds for r in mission.surface if r.kind in ("every", "after", "no_comms") and r.seconds > 0]
+    wanted = min([duration / 120.0, *periods])
+    fitting = choices[choices <= max(wanted * 1.0001, choices[0])]
+    return float(fitting[-1])
+
+
+def prepare(
+    mission: Mission,
+    vehicle: Vehicle,
+    *,
+    currents: CurrentGrid | None = None,
+    bathymetry: BathymetryGrid | None = None,
+    water: WaterProfile | None = None,
+    speed: str = "distribution",
+    speeds: tuple[np.ndarray, np.ndarray] | None = None,
+    duration: float = 15 * 86400.0,
+    interval: float | None = None,
+    seed: int = 0,
+    spread: float = 1.0,
+    start: float | None = None,
+    start_position: tuple[float, float] | None = None,
+    dtype=jnp.float32,
+) -> Run:
+    """Check the inputs against each other and tabulate them.
+
+    Parameters
+    ----------
+    mission, vehicle : as read.  currents, bathymetry, water : records, or None for still water, a seafloor that is
+        never reached and a uniform water column.
+    speed : ``shoebox``, ``distribution`` or ``flight``; ``speeds`` are the nodes and probabilities of the first two.
+    duration : s to forecast.  interval : s between outputs, chosen if None.
+    seed : of all random draws.  spread : factor on every perturbation, 0 for one deterministic flight.
+    start, start_position : override the mission's.
+
+    Raises
+    ------
+    ConfigError : no start position, a duration that is not positive.
+    CoverageError : the mission starts outside the currents or the bathymetry, or on land.
+    """
+    position = start_position or mission.start_position
+    if position is None:
+        raise ConfigError(
+            f"{mission.name}: expected a start position, found none. Put start_position = [lat, lon] into the mission, "
+            "or give --start-position LAT LON."
+        )
+    t0 = start if start is not None else mission.start
+    if t0 is None and currents is not None and not currents.constant_in_time:
+        t0 = float(currents.time[0])
+    if t0 is None:
+        raise ConfigError(f"{mission.name}: expected a start time, found none. Give --start TIME (UTC, ISO 8601).")
+    if not duration > 0:
+        raise ConfigError(f"duration: expected more than 0 days, found {duration / 86400.0:g}. Give --days.")
+    interval = output_interval(duration, mission) if interval is None else interval
+    reach = [position[0], *(p[0] for p in mission.waypoints)]
+    frame = Frame(position[0], position[1], min(reach) - 1.5, max(reach) + 1.5)
+    default_sd = vehicle.value("perturbation.current_error")
+    notes = list(mission.notes)
+    _check_start(mission, position, t0, currents, bathymetry)
+    own_error = currents is not None and currents.east_sd is not None
+    field_ = (
+        make_currents(currents, frame, t0, default_sd=default_sd, dtype=dtype)
+        if currents is not None
+        else still_water(frame, default_sd, dtype)
+    )
+    floor = make_bathymetry(bathymetry, frame, dtype) if bathymetry is not None else flat_bottom(11000.0, frame, dtype)
+    if currents is None:
+        notes.append(f"no currents given: still water with an error of {default_sd:g} m/s assumed")
+    if bathymetry is None:
+        notes.append("no bathymetry given: the seafloor is never reached")
+    column, temperature, told = make_column(water, vehicle, mission, position[0], dtype=dtype)
+    notes += told if speed == "flight" else []
+    plan, shape = make_plan(
+        mission, vehicle, frame, t0=t0, duration=duration, speed=speed, speeds=speeds, interval=interval,
+        levels=column.depth.shape[0], product_error=own_error, dtype=dtype,
+    )  # fmt: skip
+    devices = build_devices(
+        vehicle.devices, mission.samples, dive_to=mission.yo.dive_to, climb_to=mission.yo.climb_to, dtype=dtype
+    )
+    return Run(
+        mission=mission, vehicle=vehicle, plan=plan, shape=shape,
+        environment=Environment(frame.cast(dtype), field_, floor), column=column if speed == "flight" else None,
+        frame=frame, model=build_model(vehicle, dtype=dtype), devices=devices, t0=float(t0), interval=interval,
+        duration=duration, start=position, order=tuple(legs_of(mission)[0]), seed=seed, spread=spread,
+        water_temperature=temperature, notes=tuple(notes),
+        settings={
+            "version": __version__, "seed": seed, "speed": speed, "spread": spread, "start": float(t0),
+            "duration_s": duration, "interval_s": interval, "start_position": list(position),
+            "mission": mission.name, "vehicle": vehicle.name, "precision": jnp.dtype(dtype).name,
+            "inputs": _digests(mission, vehicle, currents, bathymetry, water),
+            "current_error": "product" if own_error else f"{default_sd:g} m s-1",
+        },
+    )  # fmt: skip
+
+
+def _digests(*records):
+    found = {}
+    for record in records:
+        source = getattr(record, "source", None)
+        if source is not None:
+            found.update({str(k).rsplit("/", 1)[-1]: v for k, v in source.files.items()})
+    return found
+
+
+def _check_start(mission, position, t0, currents, bathymetry):
+    """Say at once where a mission cannot start, instead of ending every member at its first step."""
+    lat, lon = position
+
+    def outside(grid, what):
+        west, east = float(grid.longitude[0]), float(grid.longitude[-1])
+        shifted = west + (lon - west) % 360.0
+        if not (grid.latitude[0] <= lat <= grid.latitude[-1] and shifted <= east):
+            raise CoverageError(
+                f"{mission.name}: expected a start inside the {what} ({grid.latitude[0]:.3f} to "
+                f"{grid.latitude[-1]:.3f} N, {west:.3f} to {east:.3f} E), found {lat:.4f} N, {lon:.4f} E. "
+                f"Give a {what} file that covers it, or correct the position."
+            )
+        return np.argmin(np.abs(grid.latitude - lat)), np.argmin(np.abs(grid.longitude - shifted))
+
+    if bathymetry is not None:
+        j, i = outside(bathymetry, "bathymetry")
+        depth = float(bathymetry.depth[j, i])
+        if not depth > 0:
+            raise CoverageError(
+                f"{mission.name}: expected a start in water, found {'land' if depth <= 0 else 'no data'} at "
+                f"{lat:.4f} N, {lon:.4f} E (bathymetry {depth:.1f} m). Correct the start position."
+            )
+    if currents is not None:
+        j, i = outside(currents, "currents")
+        near = currents.east[:, :, max(j - 3, 0) : j + 4, max(i - 3, 0) : i + 4]
+        if not np.isfinite(near).any():
+            raise CoverageError(
+                f"{mission.name}: expected currents at the start, found none within three cells of {lat:.4f} N, "
+                f"{lon:.4f} E. Fill the gaps, or use another product."
+            )
+        if not currents.constant_in_time and not currents.time[0] - 1 <= t0 <= currents.time[-1]:
+            first, last, at = (f"{np.datetime64(int(t), 's')}Z" for t in (currents.time[0], currents.time[-1], t0))
+            raise CoverageError(
+                f"{mission.name}: expected a start between {first} and {last}, the times of the currents, found {at}. "
+                "Give --start, or currents of those days."
+            )
+
+
+def forecast(n: int, run: Run, *, first: int = 0, chunk: int = CHUNK) -> Track:
+    """Fly ``n`` members, numbered from ``first``, and join their chunks."""
+    return join([*fly_chunks(n, run, first=first, chunk=chunk)])
+
+
+def fly_chunks(n: int, run: Run, *, first: int = 0, chunk: int = CHUNK) -> Iterator[Track]:
+    """Fly members in chunks and yield each chunk as a ``Track``; memory holds one chunk at a time.
+
+    Raises
+    ------
+    ConfigError : ``n`` is smaller than 1.
+    """
+    if n < 1:
+        raise ConfigError(f"--n: expected at least 1 member, found {n}.")
+    pack = build_pack(run.vehicle.battery, dtype=run.plan.interval.dtype)
+    for begin in range(first, first + n, chunk):
+        count = min(chunk, first + n - begin)
+        members, available = _draw(run, pack, begin, count)
+        sd = run.vehicle.value("perturbation.initial_position")
+        state, outputs = run_members(
+            members, run.plan, run.shape, run.environment, run.column, 0.0, 0.0, spread=run.spread, fix_sd=sd
+        )
+        yield _track(run, members, available, state, outputs)
+
+
+def _draw(run: Run, pack, begin: int, count: int):
+    dtype = run.plan.interval.dtype
+    keys = member_keys(run.seed, begin, count)
+    spread = run.spread
+
+    @jax.jit
+    def draws(keys):
+        members = draw_members(run.model, run.vehicle, run.devices, spread, keys, dtype)
+        packs = jax.vmap(lambda k: draw_pack(pack, run.vehicle.battery, k, spread))(keys)
+        temperature = jnp.asarray(run.water_temperature, dtype)
+        return members, jax.vmap(lambda p: p.usable_energy(temperature))(packs)
+
+    members, available = draws(keys)
+    available = np.asarray(available, float)
+    limits, codes = energy_limits(run.vehicle.battery, run.mission, available)
+    return (
+        members._replace(energy_limit=jnp.asarray(limits, dtype), limit_code=jnp.asarray(codes, jnp.int32)),
+        available,
+    )
+
+
+def _track(run: Run, members: Member, available, state: State, out: Output) -> Track:
+    """Bring one chunk to the host: frame metres to degrees, intervals to times, devices to components."""
+    out = jax.tree.map(np.asarray, out)
+    final = jax.tree.map(np.asarray, state)
+    times = run.t0 + run.interval * np.arange(out.east.shape[0] + 1)
+    keep = times <= run.t0 + run.duration + 1e-6
+    keep[-1] |= not keep.any()
+    count = available.size
+
+    def series(values, first):
+        """(output, member) to (member, output) with the start in front."""
+        begin = np.broadcast_to(np.asarray(first, values.dtype), (1, count))
+        return np.ascontiguousarray(np.concatenate([begin, values])[keep].T)
+
+    east, north = series(out.east, 0.0), series(out.north, 0.0)
+    latitude, longitude = run.frame.to_degrees(east, north)
+    sums = type(out.sums)(*(series(values, 0.0) for values in out.sums))
+    groups = run.devices.groups
+    power = np.asarray(run.devices.power, float)
+    calls = np.asarray(run.devices.joules_per_surfacing, float)
+    turns = np.asarray(run.devices.joules_per_inflection, float)
+    parts = [sums.pump, sums.retract, sums.brake, sums.hotel]
+    for g in range(len(groups)):
+        states = power[g, 0] * sums.dive_time + power[g, 1] * sums.climb_time + power[g, 2] * sums.surface_time
+        parts.append(states + calls[g] * sums.surfacings + turns[g] * sums.inflections)
+    energy = np.stack(parts, -1).astype(np.float32)
+    total = energy.sum(-1, dtype=float)
+    load = np.asarray(total[:, -1]) / max(run.duration, 1.0)
+    charge, soc, volts = battery_state(run.vehicle.battery, total, available, load)
+    surfaced, left, reasons = _surfacings(run, out, count)
+    end_lat, end_lon = run.frame.to_degrees(final.east, final.north)
+    active = series(out.active, True)
+    return Track(
+        time=times[keep], latitude=latitude, longitude=longitude, depth=series(out.depth, 0.0),
+        phase=series(out.phase, 3), active=active, energy=energy, components=_MOTORS + tuple(groups),
+        charge_used=charge, state_of_charge=soc, voltage=volts, distance_through_water=sums.through_water,
+        distance_over_ground=sums.over_ground, inflections=sums.inflections,
+        current_east=series(out.current_east, np.nan), current_north=series(out.current_north, np.nan),
+        surfacing_time=surfaced[0], surfacing_latitude=surfaced[1], surfacing_longitude=surfaced[2],
+        dive_time=left[0], dive_latitude=left[1], dive_longitude=left[2], surfacing_reason=reasons,
+        reasons=run.shape.reasons, waypoint_time=run.t0 + np.stack(final.arrivals, -1).astype(float),
+        waypoints=np.array(run.order, float), outcome=final.outcome.astype(np.int8),
+        outcome_time=run.t0 + np.where(final.outcome == int(Outcome.FLYING), np.nan, final.end_time.astype(float)),
+        outcome_latitude=end_lat, outcome_longitude=end_lon, bottom_contacts=final.contacts.astype(np.int32),
+        usable_energy=available, parameters=_parameters(run, members), settings=dict(run.settings), notes=run.notes,
+    )  # fmt: skip
+
+
+def _parameters(run, members):
+    found = {name: np.asarray(v) for name, v in jax.vmap(parameters)(members.model).items()}
+    found = {name: value for name, value in found.items() if value.ndim == 1 and np.ptp(value) > 0}
+    extra = {"heading_error": members.heading, "surface_stay_factor": members.stay, "speed_factor": members.speed}
+    return found | {name: np.asarray(value) for name, value in extra.items()}
+
+
+def _surfacings(run, out: Output, count):
+    """Sort the logs of the outputs into one list of surfacings per member.
+
+    The logs are as of the end of the step that passed the output time, so they may be one event ahead of the sums.
+    """
+    found: dict[str, list] = {"up": [], "down": []}
+    for kind, logs in (("up", (out.surfaced_before, out.surfaced)), ("down", (out.left_before, out.left))):
+        for log in logs:
+            found[kind].append(np.stack([log.time, log.east, log.north, log.reason.astype(log.time.dtype)]))
+    # Distinct times of each member, in order: (event, output) flattened, sorted, repeats dropped.
+    tables = {}
+    for kind, pair in found.items():
+        every = np.concatenate([p.transpose(2, 1, 0) for p in pair], axis=1)
+        order = np.argsort(every[:, :, 0], axis=1)
+        every = np.take_along_axis(every, order[:, :, None], axis=1)
+        times = every[:, :, 0]
+        new = np.isfinite(times) & (np.diff(times, axis=1, prepend=-np.inf) > 0.5)
+        rank = np.cumsum(new, axis=1) - 1
+        table = np.full((count, max(int(new.sum(1).max(initial=0)), 1), 4), np.nan)
+        rows, columns = np.nonzero(new)
+        table[rows, rank[rows, columns]] = every[rows, columns]
+        tables[kind] = table
+    up, down = tables["up"], tables["down"]
+    most = up.shape[1]
+    # A departure belongs to the surfacing before it; the last may have none.
+    down = np.concatenate([down, np.full((count, max(0, most - down.shape[1]), 4), np.nan)], axis=1)[:, :most]
+    logs = []
+    for log in (up, down):
+        latitude, longitude = run.frame.to_degrees(log[:, :, 1], log[:, :, 2])
+        logs.append((run.t0 + log[:, :, 0], latitude, longitude))
+    reasons = np.where(np.isfinite(up[:, :, 3]), up[:, :, 3], -1).astype(np.int8)
+    return logs[0], logs[1], reasons
+
+
+def join(tracks: list[Track]) -> Track:
+    """One ensemble from its chunks, members in order."""
+    if len(tracks) == 1:
+        return tracks[0]
+    first = tracks[0]
+    common = {"time", "components", "reasons", "waypoints", "settings", "notes", "complete"}
+    most = max(t.surfacing_time.shape[1] for t in tracks)
+    joined = {}
+    for name in first.__dataclass_fields__:
+        values = [getattr(t, name) for t in tracks]
+        if name in common:
+            joined[name] = values[0]
+        elif name == "parameters":
+            joined[name] = {key: np.concatenate([v[key] for v in values]) for key in values[0]}
+        elif name.startswith(("surfacing_", "dive_")):
+            fill = -1 if name == "surfacing_reason" else np.nan
+            joined[name] = np.concatenate(
+                [np.pad(v, ((0, 0), (0, most - v.shape[1])), constant_values=fill) for v in values]
+            )
+        else:
+            joined[name] = np.concatenate(values)
+    return Track(**joined)

@@ -1,0 +1,628 @@
+"""One mission step: a bundle of yos, or a stay at the surface, with analytic legs.
+
+A pure function of (member, plan, environment, state); callers vmap it over members and put it under the scan over
+output times. Events are met exactly: the seafloor, the surfacing clock and a waypoint cut a leg where they occur.
+Conventions a newcomer would get wrong: ``time`` counts from the start of the present output interval (so that float32
+keeps its precision over months), ``dr_*`` is where the glider believes it is, and it steers by that.
+
+References
+----------
+Woithe and others (2010), section IV: speed, seafloor and current models of the mission simulator.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from glider_jax.environment.fields import Bathymetry, CurrentField, fenced
+from glider_jax.environment.frame import Frame
+from glider_jax.errors import Outcome
+from glider_jax.mission.legs import ConstantLegs
+from glider_jax.mission.plan import Plan, Shape
+from glider_jax.mission.randoms import NOISE_STREAM, SPEED_STREAM, normals, uniform, words
+from glider_jax.physics.term import Channel, Sample
+
+_FAR = 1e9
+
+
+class Environment(eqx.Module):
+    """What surrounds the glider, tabulated in one frame."""
+
+    frame: Frame
+    currents: CurrentField
+    bathymetry: Bathymetry
+
+
+class Member(NamedTuple):
+    """What distinguishes one member: its drawn physics and errors; constant during a run.
+
+    ``key`` two uint32 words of its own random stream; ``heading`` rad, true minus believed, and ``turn`` its cosine
+    and sine; ``stay`` factor on the time at the surface; ``speed`` factor on the speed
+    through the water; ``power`` W of the devices while diving, climbing and at the surface; ``per_surfacing`` and
+    ``per_inflection`` J of the devices; ``energy_limit`` J at which the mission ends with outcome ``limit_code``.
+    """
+
+    key: Any
+    model: Any
+    heading: Any
+    turn: tuple[Any, Any]
+    stay: Any
+    speed: Any
+    power: tuple[Any, Any, Any]
+    per_surfacing: Any
+    per_inflection: Any
+    energy_limit: Any
+    limit_code: Any
+
+
+class Sums(NamedTuple):
+    """What adds up during a mission: energies J, times s, counts, distances m."""
+
+    pump: Any
+    retract: Any
+    brake: Any
+    hotel: Any
+    dive_time: Any
+    climb_time: Any
+    surface_time: Any
+    inflections: Any
+    surfacings: Any
+    through_water: Any
+    over_ground: Any
+
+
+class Log(NamedTuple):
+    """One surfacing, or one departure from the surface: absolute time s, position in frame metres, rule index."""
+
+    time: Any
+    east: Any
+    north: Any
+    reason: Any
+
+
+class State(NamedTuple):
+    """A mission at the end of a step; positions in frame metres, times in s of the present interval unless absolute.
+
+    ``depth`` where the next leg starts; ``turn`` the last turning depth, which predicts the next; ``due`` when the
+    surfacing clock runs out and ``reason`` which rule set it; ``dive_time`` absolute, when it left the surface;
+    ``arrivals`` (one per waypoint, NaN before) and the logs' times are absolute. ``surfaced`` and ``left`` are the
+    last surfacing and departure, ``*_before`` the ones before. ``last_*`` describe the step just made.
+    """
+
+    time: Any
+    east: Any
+    north: Any
+    dr_east: Any
+    dr_north: Any
+    dac_east: Any
+    dac_north: Any
+    depth: Any
+    turn: Any
+    at_surface: Any
+    due: Any
+    reason: Any
+    dive_clock: Any
+    leg: Any
+    done: Any
+    segment_speed: Any
+    segment_yos: Any
+    error_east: Any
+    error_north: Any
+    current_east: Any
+    current_north: Any
+    sums: Sums
+    delta: Sums
+    last_time: Any
+    last_east: Any
+    last_north: Any
+    last_turn: Any
+    last_top: Any
+    last_dive: Any
+    last_climb: Any
+    last_up: Any
+    contacts: Any
+    outcome: Any
+    end_time: Any
+    steps: Any
+    arrivals: tuple[Any, ...]
+    surfaced: Log
+    surfaced_before: Log
+    left: Log
+    left_before: Log
+
+
+def sample_speed(plan: Plan, key, segment):
+    """Forward speed (m s-1) of one dive segment, a draw that depends on the member and the segment's number only."""
+    place = uniform(words(key, segment, SPEED_STREAM)[0], plan.speeds.dtype) * (plan.speeds.shape[0] - 1)
+    cell = jnp.clip(place.astype(jnp.int32), 0, plan.speeds.shape[0] - 2)
+    low, high = plan.speeds[cell], plan.speeds[cell + 1]
+    return low + (place - cell.astype(place.dtype)) * (high - low)
+
+
+def _sample(plan, member, base, state, **fields):
+    """A physics sample at this moment, in the run's dtype, completed with the vehicle's constants."""
+    dtype = plan.dive_to.dtype
+    time = base + state.time
+    common = dict(
+        time=time,
+        elapsed=time,
+        stroke_volume=plan.climb_volume - plan.dive_volume,
+        inflections=state.sums.inflections,
+    )
+    return Sample.of(dtype, **(common | fields))
+
+
+def _steer(plan, east, north, speed, dac_east, dac_north):
+    """Unit vector to hold through the water and the speed made good toward a point (east, north) m away."""
+    distance = jnp.sqrt(east * east + north * north)
+    safe = jnp.maximum(distance, 1e-3)
+    de, dn = east / safe, north / safe
+    along = plan.correction * (dac_east * de + dac_north * dn)
+    across = plan.correction * (dac_north * de - dac_east * dn)
+    sine = jnp.clip(-across / speed, -0.95, 0.95)
+    cosine = jnp.sqrt(1.0 - sine * sine)
+    return de * cosine - dn * sine, dn * cosine + de * sine, cosine * speed + along, distance
+
+
+def _turned(member, plan, base, state, he, hn):
+    """The true direction of travel for a believed one: compass and other heading errors are added, clockwise."""
+    c, s = member.turn
+    if member.model.has(Channel.HEADING):
+        angle = member.heading + member.model.total(
+            Channel.HEADING, _sample(plan, member, base, state, heading=jnp.arctan2(he, hn))
+        )
+        c, s = jnp.cos(angle), jnp.sin(angle)
+    return he * c + hn * s, hn * c - he * s
+
+
+class _Dive(NamedTuple):
+    """The underwater half of a step, before it moves anything."""
+
+    duration: Any
+    dive_time: Any
+    climb_time: Any
+    forward: Any
+    believed: Any
+    turn: Any
+    top: Any
+    yos: Any
+    surfaces: Any
+    reason: Any
+    he: Any
+    hn: Any
+    te: Any
+    tn: Any
+    reached: Any
+    reach_time: Any
+    contact: Any
+    aground: Any
+    no_bottom: Any
+    flies: Any
+    sx: Any
+    sy: Any
+
+
+def _plan_dive(member, plan: Plan, shape: Shape, env: Environment, legs, base, state: State, sx, sy) -> _Dive:
+    """Work out how many yos fit, where they turn, whether one is cut short, and where the glider points."""
+    down0 = legs.cumulative(jnp.maximum(state.turn, state.depth + plan.minimum_yo))
+    zp = jnp.maximum(state.turn, state.depth + plan.minimum_yo)
+    w_down = zp / down0.dive_time
+    w_up = zp / down0.climb_time
+    top = jnp.maximum(plan.climb_to - w_up * plan.overshoot_time, 0.3 * plan.climb_to)
+    start, ceiling = legs.cumulative(state.depth), legs.cumulative(top)
+    first = down0.dive_time - start.dive_time
+    cycle = (down0.dive_time - ceiling.dive_time) + (down0.climb_time - ceiling.climb_time)
+    mean_speed = (down0.dive_distance + down0.climb_distance - ceiling.dive_distance - ceiling.climb_distance) / cycle
+    believed_ratio = _believed(plan, legs, zp, top, cycle) / mean_speed
+
+    # Where the glider believes the waypoint is, and how soon it would get there.
+    to_east = (plan.waypoints[state.leg, 0] - state.dr_east) / sx
+    to_north = (plan.waypoints[state.leg, 1] - state.dr_north) / sy
+    he1, hn1, good1, distance = _steer(
+        plan, to_east, to_north, mean_speed * believed_ratio, state.dac_east, state.dac_north
+    )
+    arrival = jnp.where(good1 > 1e-3, jnp.maximum(distance - plan.radius, 0.0) / jnp.maximum(good1, 1e-3), _FAR)
+    last_leg = jnp.asarray(False) if shape.loop else state.leg >= shape.waypoints - 1
+    stops = last_leg | jnp.asarray(shape.waypoint_surfaces)
+
+    remaining, reason = state.due - state.time, state.reason
+    count = len(shape.reasons)
+    comes_up = stops & (arrival < remaining)
+    remaining = jnp.where(comes_up, arrival, remaining)
+    reason = jnp.where(comes_up, jnp.where(last_leg, count - 1, count - 3), reason)
+    yo_left = plan.yo_limit - state.segment_yos
+    room = jnp.minimum(plan.bundle, remaining - first - cycle)
+    yos = jnp.clip(jnp.floor(room / cycle), 1.0, 64.0)
+    if shape.bounded_yos:
+        yos = jnp.clip(yos, 1.0, jnp.maximum(yo_left, 1.0))
+
+    te1, tn1 = _turned(member, plan, base, state, he1, hn1)
+    # The seafloor at the mean place of the turns, corrected along its slope for the time a deeper turn takes.
+    ratio = 1.0 / w_down + 0.5 * (yos - 1.0) * (1.0 / w_down + 1.0 / w_up)
+    tau = first + 0.5 * (yos - 1.0) * cycle
+    ve = (mean_speed * te1 + state.current_east) * sx
+    vn = (mean_speed * tn1 + state.current_north) * sy
+    depth, gx, gy = env.bathymetry.depth(state.east + ve * tau, state.north + vn * tau)
+    if member.model.has(Channel.WATER_DEPTH):
+        depth = depth + member.model.total(Channel.WATER_DEPTH, _sample(plan, member, base, state, bottom_depth=depth))
+    slope = jnp.clip((gx * ve + gy * vn) * ratio, -0.5, 0.5)
+    clearance = depth - plan.altitude
+    wanted = jnp.minimum((clearance - slope * zp) / (1.0 - slope), plan.dive_to)
+    turn = wanted + w_down * plan.overshoot_time
+    if member.model.has(Channel.TURN_DEPTH):
+        turn = turn + member.model.total(
+            Channel.TURN_DEPTH, _sample(plan, member, base, state, depth=wanted, depth_rate=w_down, direction=-1.0)
+        )
+    floor = jnp.maximum(state.depth, top) + plan.minimum_yo
+    turn = jnp.maximum(turn, floor)
+    limit = depth - 0.5
+    contact = turn > limit
+    turn = jnp.minimum(turn, limit)
+    aground = (depth < plan.minimum_depth) | (turn < top + 0.5)
+
+    reach = legs.depth_after(state.depth, remaining) + w_down * plan.overshoot_time
+    breaks = (plan.interrupts * (jnp.arange(count) == reason)).sum() > 0.5
+    cut = (yos < 1.5) & (reach < turn) & breaks
+    turn = jnp.where(cut, jnp.maximum(reach, state.depth + 0.5 * plan.minimum_yo), turn)
+    turn = jnp.where(aground | jnp.isnan(turn), floor, turn)
+
+    low = legs.cumulative(turn)
+    first_time = low.dive_time - start.dive_time
+    up_time = low.climb_time - ceiling.climb_time
+    one_time = (low.dive_time - ceiling.dive_time) + up_time
+    surfaces = (yos < 1.5) & (remaining <= first_time + up_time)
+    if shape.bounded_yos:
+        finished = yos >= yo_left - 0.25
+        reason = jnp.where(finished & ~surfaces, count - 2, reason)
+        # The last yo of a counted segment runs on to the surface, whatever number is bundled before it.
+        surfaces = surfaces | finished
+    rise = jnp.where(surfaces, ceiling.climb_time, 0.0)
+    climb_time = yos * up_time + rise
+    dive_time = first_time + (yos - 1.0) * (one_time - up_time)
+    duration = dive_time + climb_time
+    forward = (
+        (low.dive_distance - start.dive_distance)
+        + (yos - 1.0) * (low.dive_distance - ceiling.dive_distance)
+        + yos * (low.climb_distance - ceiling.climb_distance)
+        + jnp.where(surfaces, ceiling.climb_distance, 0.0)
+    )
+    believed = forward * believed_ratio
+
+    # A waypoint reached on the way splits the step between two headings.
+    reached = (arrival < duration) & ~comes_up | (comes_up & surfaces)
+    share = jnp.where(reached & ~comes_up, arrival / duration, 1.0)
+    following = jnp.where(state.leg + 1 >= shape.waypoints, 0, state.leg + 1)
+    from_east = state.dr_east + (believed / duration * he1 + plan.correction * state.dac_east) * arrival * sx
+    from_north = state.dr_north + (believed / duration * hn1 + plan.correction * state.dac_north) * arrival * sy
+    he2, hn2, _, _ = _steer(
+        plan,
+        (plan.waypoints[following, 0] - from_east) / sx,
+        (plan.waypoints[following, 1] - from_north) / sy,
+        mean_speed * believed_ratio,
+        state.dac_east,
+        state.dac_north,
+    )
+    he = share * he1 + (1.0 - share) * he2
+    hn = share * hn1 + (1.0 - share) * hn2
+    te2, tn2 = _turned(member, plan, base, state, he2, hn2)
+    return _Dive(
+        duration=duration,
+        dive_time=dive_time,
+        climb_time=climb_time,
+        forward=forward,
+        believed=believed,
+        turn=turn,
+        top=jnp.where(surfaces, 0.0, top),
+        yos=yos,
+        surfaces=surfaces,
+        reason=reason,
+        he=he,
+        hn=hn,
+        te=share * te1 + (1.0 - share) * te2,
+        tn=share * tn1 + (1.0 - share) * tn2,
+        reached=reached,
+        reach_time=jnp.where(comes_up, duration, arrival),
+        contact=contact,
+        aground=aground,
+        no_bottom=jnp.isnan(depth),
+        flies=legs.valid(),
+        sx=sx,
+        sy=sy,
+    )
+
+
+def _believed(plan, legs, deep, shallow, cycle):
+    """The forward speed the vehicle's own dead reckoning assumes: depth rate over the tangent of the pitch."""
+    if isinstance(legs, ConstantLegs):
+        return legs.forward
+    path = deep - shallow
+    return (path / plan.dive_tangent + path / plan.climb_tangent) / cycle
+
+
+def step(member: Member, plan: Plan, shape: Shape, env: Environment, legs, clock, base, go, state: State) -> State:
+    """Advance one member by one bundle of yos or one stay at the surface.
+
+    Parameters
+    ----------
+    member, plan, shape, env : what is fixed during the run.
+    legs : this member's legs when it flies by tables; None for constant speeds, which come with the state.
+    clock : frame number of the currents at the start of the interval.
+    base : s since t0 at the start of the interval.
+    go : False returns the state as it is, for a member that has ended or is ahead of the others.
+    state : where the mission stands.
+
+    Returns
+    -------
+    The next state. Outside the fields, aground or not finite, nothing moves and ``outcome`` says why.
+    """
+    run = env.bathymetry.run
+    if shape.speed == "constant":
+        forward = state.segment_speed * member.speed
+        legs = ConstantLegs(forward, forward * plan.dive_tangent, forward * plan.climb_tangent)
+    sx, sy = env.frame.stretch(state.north)
+    # Each stage is fenced: unfenced, XLA would repeat it in every one of the state's kernels.
+    dive = fenced(run, lambda: _plan_dive(member, plan, shape, env, legs, base, state, sx, sy))
+    move = fenced(run, lambda: _move(member, plan, env, clock, base, state, dive, sx, sy))
+    delta = fenced(run, lambda: _energies(member, plan, base, state, dive, move))
+    sums = jax.tree.map(jnp.add, state.sums, delta)
+    ok, outcome, end = fenced(run, lambda: _verdict(member, shape, base, go, state, dive, move, sums))
+    moved = fenced(run, lambda: _advance(member, plan, shape, base, state, dive, move, sums, delta))
+    moved = jax.tree.map(lambda new, old: jnp.where(ok, new, old), moved, state)
+    return moved._replace(outcome=outcome, end_time=end)
+
+
+class _Move(NamedTuple):
+    """Where a step leads, and the water it met: ``sd`` of the product and whether it is past the product's end."""
+
+    duration: Any
+    forward: Any
+    east: Any
+    north: Any
+    current_east: Any
+    current_north: Any
+    error_east: Any
+    error_north: Any
+    over_ground: Any
+    dry: Any
+    late: Any
+
+
+def _move(member, plan: Plan, env: Environment, clock, base, state: State, dive: _Dive, sx, sy) -> _Move:
+    """Carry the glider through the water and with it, by the midpoint rule."""
+    dtype = plan.dive_to.dtype
+    up = state.at_surface
+    stay = plan.surface_stay * member.stay
+    if member.model.has(Channel.SURFACE_INTERVAL):
+        stay = stay + member.model.total(
+            Channel.SURFACE_INTERVAL, _sample(plan, member, base, state, surface_duration=stay)
+        )
+    duration = jnp.where(up, stay, dive.duration)
+    forward = jnp.where(up, 0.0, dive.forward)
+    # The current half way, at a place predicted with the current last felt.
+    half = 0.5 * duration
+    middle_east = state.east + (0.5 * forward * dive.te + state.current_east * half) * sx
+    middle_north = state.north + (0.5 * forward * dive.tn + state.current_north * half) * sy
+    upper = jnp.where(up, 0.0, jnp.minimum(state.depth, dive.top))
+    lower = jnp.where(up, 0.5, dive.turn)
+    water = env.currents.mean(clock, state.time + half, middle_east, middle_north, upper, lower)
+    noise = fenced(env.bathymetry.run, lambda: normals(member.key, state.steps, NOISE_STREAM, dtype))
+    path = jnp.sqrt(water[0] ** 2 + water[1] ** 2) * duration + forward
+    memory = jnp.exp(-duration / plan.error_time - path / plan.error_length)
+    kick = jnp.sqrt(jnp.maximum(1.0 - memory * memory, 0.0))
+    error_east = memory * state.error_east + kick * noise[0]
+    error_north = memory * state.error_north + kick * noise[1]
+    ce = water[0] + 0.5 * water[2] * (state.error_east + error_east)
+    cn = water[1] + 0.5 * water[2] * (state.error_north + error_north)
+    ce, cn = _extra_currents(member, plan, base, state, up, duration, lower, water, ce, cn)
+    de, dn = forward * dive.te + ce * duration, forward * dive.tn + cn * duration
+    return _Move(
+        duration=duration,
+        forward=forward,
+        east=state.east + de * sx,
+        north=state.north + dn * sy,
+        current_east=ce,
+        current_north=cn,
+        error_east=error_east,
+        error_north=error_north,
+        over_ground=jnp.sqrt(de * de + dn * dn),
+        dry=jnp.isnan(water[0]),
+        late=water[3] > 0,
+    )
+
+
+def _verdict(member, shape, base, go, state: State, dive: _Dive, move: _Move, sums: Sums):
+    """Whether the step counts, the outcome after it, and the absolute time at which the member ended."""
+    up = state.at_surface
+    spent = total_energy(member, sums)
+    surfaces, done = dive.surfaces & ~up, state.done | _finishes(shape, state, dive)
+    outcome = jnp.where(surfaces & done, int(Outcome.ARRIVED), int(Outcome.FLYING))
+    outcome = jnp.where(spent > member.energy_limit, member.limit_code, outcome)
+    finite = jnp.isfinite(move.east) & jnp.isfinite(move.north) & jnp.isfinite(move.duration) & jnp.isfinite(spent)
+    stuck = jnp.where(~finite, int(Outcome.INVALID), int(Outcome.FLYING))
+    stuck = jnp.where(move.dry, int(Outcome.LEFT_CURRENTS_AREA), stuck)
+    stuck = jnp.where(move.late, int(Outcome.LEFT_CURRENTS_TIME), stuck)
+    stuck = jnp.where(~up & dive.aground, int(Outcome.AGROUND), stuck)
+    stuck = jnp.where(~up & dive.no_bottom, int(Outcome.LEFT_BATHYMETRY), stuck)
+    stuck = jnp.where(~up & ~dive.flies, int(Outcome.STALLED), stuck)
+    fails = stuck != int(Outcome.FLYING)
+    ok = go & ~fails
+    after = jnp.where(fails, stuck, outcome)
+    end = base + state.time + jnp.where(fails, 0.0, move.duration)
+    return ok, jnp.where(go, after, state.outcome), jnp.where(go, end, state.end_time)
+
+
+def _finishes(shape, state, dive):
+    """Whether the step reaches the last waypoint of a list that does not start again."""
+    if shape.loop:
+        return jnp.zeros_like(dive.reached)
+    return dive.reached & ~state.at_surface & (state.leg >= shape.waypoints - 1)
+
+
+def _advance(member, plan, shape, base, state: State, dive: _Dive, move: _Move, sums, delta) -> State:
+    """The state after a step that counts."""
+    up = state.at_surface
+    sx_east, sy_north = move.east - state.east, move.north - state.north
+    absolute = base + state.time
+    time = state.time + move.duration
+    end = base + time
+    # The glider's belief: at the surface a fix replaces it, under water it adds what it thinks it flew.
+    under = jnp.maximum(absolute - state.dive_clock, 60.0)
+    fresh_east = plan.correction * state.dac_east + (state.east - state.dr_east) / dive.sx / under
+    fresh_north = plan.correction * state.dac_north + (state.north - state.dr_north) / dive.sy / under
+    told_east = dive.believed * dive.he + plan.correction * state.dac_east * move.duration
+    told_north = dive.believed * dive.hn + plan.correction * state.dac_north * move.duration
+    due, reason = next_due(plan, shape, base, state.time, time)
+    surfaces, reached = dive.surfaces & ~up, dive.reached & ~up
+    last = 0 if shape.loop else shape.waypoints - 1
+    following = jnp.where(state.leg + 1 >= shape.waypoints, last, state.leg + 1)
+    arrived = base + state.time + dive.reach_time
+    arrivals = tuple(
+        jnp.where(reached & (state.leg == k) & jnp.isnan(old), arrived, old) for k, old in enumerate(state.arrivals)
+    )
+    speed = state.segment_speed
+    if shape.speed == "constant":
+        speed = jnp.where(up, sample_speed(plan, member.key, state.sums.surfacings.astype(jnp.int32)), speed)
+    here = Log(end, move.east, move.north, dive.reason)
+
+    def entry(flag, new, old):
+        return jax.tree.map(lambda a, b: jnp.where(flag, a, b), new, old)
+
+    return State(
+        time=time,
+        east=move.east,
+        north=move.north,
+        dr_east=jnp.where(up, move.east, state.dr_east + told_east * dive.sx),
+        dr_north=jnp.where(up, move.north, state.dr_north + told_north * dive.sy),
+        dac_east=jnp.where(up, fresh_east, state.dac_east),
+        dac_north=jnp.where(up, fresh_north, state.dac_north),
+        depth=jnp.where(up, 0.0, dive.top),
+        turn=jnp.where(up | surfaces, state.turn, dive.turn),
+        at_surface=surfaces,
+        due=jnp.where(up, due, state.due),
+        reason=jnp.where(up, reason, state.reason),
+        dive_clock=jnp.where(up, end, state.dive_clock),
+        leg=jnp.where(reached, following, state.leg),
+        done=state.done | _finishes(shape, state, dive),
+        segment_speed=speed,
+        segment_yos=jnp.where(up, 0.0, state.segment_yos + dive.yos),
+        error_east=move.error_east,
+        error_north=move.error_north,
+        current_east=move.current_east,
+        current_north=move.current_north,
+        sums=sums,
+        delta=delta,
+        last_time=move.duration,
+        last_east=sx_east,
+        last_north=sy_north,
+        last_turn=jnp.where(up, 0.0, dive.turn),
+        last_top=dive.top,
+        last_dive=dive.dive_time / dive.yos,
+        last_climb=dive.climb_time / dive.yos,
+        last_up=up,
+        contacts=state.contacts + jnp.where(dive.contact & ~up, dive.yos, 0.0),
+        outcome=state.outcome,
+        end_time=state.end_time,
+        steps=state.steps + 1,
+        arrivals=arrivals,
+        surfaced=entry(surfaces, here, state.surfaced),
+        surfaced_before=entry(surfaces, state.surfaced, state.surfaced_before),
+        left=entry(up, here, state.left),
+        left_before=entry(up, state.left, state.left_before),
+    )
+
+
+def _extra_currents(member, plan, base, state, up, duration, lower, water, ce, cn):
+    """Add the currents and drifts that terms of the library bring, where the model has any."""
+    model = member.model
+    moving = [c for c in (Channel.CURRENT_EAST, Channel.CURRENT_NORTH) if model.has(c)]
+    drifting = [c for c in (Channel.SURFACE_DRIFT_EAST, Channel.SURFACE_DRIFT_NORTH) if model.has(c)]
+    if not moving and not drifting:
+        return ce, cn
+    middle = _sample(
+        plan,
+        member,
+        base,
+        state._replace(time=state.time + 0.5 * duration),
+        depth=0.5 * lower,
+        east=state.east,
+        north=state.north,
+        surface_current_east=water[0],
+        surface_current_north=water[1],
+        surface_duration=jnp.where(up, duration, 0.0),
+        direction=jnp.where(up, 0.0, -1.0),
+    )
+    zero = jnp.zeros_like(ce)
+    extra = {c: model.total(c, middle) for c in moving + drifting}
+    ce = ce + extra.get(Channel.CURRENT_EAST, zero)
+    cn = cn + extra.get(Channel.CURRENT_NORTH, zero)
+    ce = ce + jnp.where(up, extra.get(Channel.SURFACE_DRIFT_EAST, zero), 0.0)
+    return ce, cn + jnp.where(up, extra.get(Channel.SURFACE_DRIFT_NORTH, zero), 0.0)
+
+
+def _energies(member, plan, base, state, dive: _Dive, move) -> Sums:
+    """What a step draws, by component; devices are counted by time and event and priced by ``total_energy``."""
+    model, up, duration = member.model, state.at_surface, move.duration
+    zero = jnp.zeros_like(duration)
+    half = state._replace(time=state.time + 0.5 * duration)
+    deep = _sample(plan, member, base, half, depth=dive.turn, inflection_depth=dive.turn, direction=1.0)
+    # The first dive of a segment starts at the surface; all others at the ceiling of the yo.
+    upper = jnp.where(up, 0.0, state.depth)
+    high = _sample(plan, member, base, half, depth=upper, inflection_depth=upper, direction=-1.0)
+    pump, brake_deep = model.stroke_energy(deep)
+    retract, brake_high = model.retract_energy(high)
+    hotel_down = model.hotel_power(_sample(plan, member, base, half, depth=0.5 * dive.turn, direction=-1.0))
+    hotel_up = model.hotel_power(_sample(plan, member, base, half, depth=0.5 * dive.turn, direction=1.0))
+    resting = _sample(plan, member, base, half, direction=0.0, surface_duration=duration)
+    surface = (model.hotel_power(resting) + model.surface_power(resting)) * duration
+    yos = jnp.where(up, 0.0, dive.yos)
+    down, climb = jnp.where(up, 0.0, dive.dive_time), jnp.where(up, 0.0, dive.climb_time)
+    return Sums(
+        pump=yos * pump,
+        retract=yos * retract,
+        brake=yos * (brake_deep + brake_high),
+        hotel=jnp.where(up, surface, hotel_down * down + hotel_up * climb),
+        dive_time=down,
+        climb_time=climb,
+        surface_time=jnp.where(up, duration, 0.0),
+        inflections=2.0 * yos,
+        surfacings=jnp.where(dive.surfaces & ~up, 1.0, zero),
+        through_water=move.forward,
+        over_ground=move.over_ground,
+    )
+
+
+def total_energy(member: Member, sums: Sums):
+    """J drawn since the start: motors and hotel as summed, devices by their times and counts."""
+    devices = (
+        member.power[0] * sums.dive_time
+        + member.power[1] * sums.climb_time
+        + member.power[2] * sums.surface_time
+        + member.per_surfacing * sums.surfacings
+        + member.per_inflection * sums.inflections
+    )
+    return sums.pump + sums.retract + sums.brake + sums.hotel + devices
+
+
+def next_due(plan, shape, base, surfaced, leaves):
+    """When the surfacing clock next runs out (s of this interval) and which rule of the mission it is."""
+    best, reason = jnp.full_like(leaves, _FAR), jnp.zeros_like(leaves, jnp.int32)
+    for k, kind in enumerate(shape.rules):
+        seconds = plan.rule_seconds[k]
+        if kind == "every":
+            due = surfaced + seconds
+            # A surfacing that outlasts its own period starts the next one at once, not in the past.
+            due = jnp.maximum(due, leaves + 60.0)
+        elif kind == "utc":
+            ahead = plan.rule_time[k] - (base + leaves)
+            period = jnp.maximum(seconds, 1.0)
+            late = jnp.where(seconds > 0, jnp.ceil(jnp.maximum(-ahead, 0.0) / period) * period, _FAR)
+            due = leaves + jnp.where(ahead > 0, ahead, ahead + late)
+        else:
+            due = leaves + seconds
+        reason = jnp.where(due < best, k, reason)
+        best = jnp.minimum(best, due)
+    return best, reason
