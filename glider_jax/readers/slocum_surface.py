@@ -13,6 +13,8 @@ from glider_jax.readers.slocum_files import Behavior
 
 #: s from breaking the surface to the first good fix
 TYPICAL_FIX = 60.0
+#: s to dial, send and receive before the wait for the pilot begins
+TYPICAL_CALL = 180.0
 _USED = {
     "args_from_file", "start_when", "when_secs", "when_wpt_dist", "when_num_inflections", "end_action",
     "gps_wait_time", "keystroke_wait_time", "gps_postfix_wait_time", "c_use_pitch", "c_pitch_value",
@@ -42,7 +44,8 @@ def surface_rules(
     Notes
     -----
     The stay is estimated: a typical minute to the first fix (less if ``gps_wait_time`` is less), the wait after the
-    fix, and the whole ``keystroke_wait_time`` that the glider waits for a pilot.
+    fix, three minutes of dialling and sending, and the whole ``keystroke_wait_time`` that the glider waits for a
+    pilot. With waits of 300 s this is 600 s; comet stayed 753 s once in 2019, other gliders 420 to 690 s after surfacing.
     """
     rules: list[SurfaceRule] = []
     stays: list[tuple[str, float]] = []
@@ -80,7 +83,7 @@ def surface_stay(behavior: Behavior) -> float:
     fix = min(TYPICAL_FIX, max(behavior.number("gps_wait_time", 300.0), 0.0))
     postfix = min(max(behavior.number("gps_postfix_wait_time", 60.0), 0.0), 600.0)
     pilot = min(max(behavior.number("keystroke_wait_time", 300.0), 0.0), 900.0)
-    return fix + postfix + pilot
+    return fix + postfix + TYPICAL_CALL + pilot
 
 
 def _rule(behavior: Behavior, yo: Yo, unsupported: list[str], notes: list[str]) -> SurfaceRule | None:

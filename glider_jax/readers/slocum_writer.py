@@ -15,7 +15,7 @@ from glider_jax.config import Aborts, Mission, SampleRule, SurfaceRule, check_mi
 from glider_jax.errors import DataError
 from glider_jax.readers.slocum_files import to_degrees_minutes
 from glider_jax.readers.slocum_missions import FULL_PUMP_CC
-from glider_jax.readers.slocum_surface import TYPICAL_FIX
+from glider_jax.readers.slocum_surface import TYPICAL_CALL, TYPICAL_FIX
 
 #: first number of the argument files, of which 90 of a kind have room
 FIRST_FILE = 10
@@ -152,9 +152,10 @@ def _surface(rule: SurfaceRule, mission: Mission, left: list[str]) -> list[str]:
         lines.append(_arg("when_num_inflections", "nodim", rule.count))
     if rule.kind == "waypoint_distance":
         lines.append(_arg("when_wpt_dist", "m", rule.distance))
-    wait = mission.surface_stay - TYPICAL_FIX - _POSTFIX
+    least = TYPICAL_FIX + _POSTFIX + TYPICAL_CALL
+    wait = mission.surface_stay - least
     if not 0.0 <= wait <= 900.0:
-        note = f"surface_stay: {mission.surface_stay:g} s, the glider can wait for 120 to 1020 s"
+        note = f"surface_stay: {mission.surface_stay:g} s, the glider can wait for {least:g} to {least + 900.0:g} s"
         left += [] if note in left else [note]
     pitch = mission.yo.climb_pitch if rule.climb_pitch is None else rule.climb_pitch
     return [

@@ -119,7 +119,7 @@ def test_a_mission_as_flown(tmp_path):
     assert (every.kind, every.seconds, every.climb_pitch) == ("every", 10800.0, 0.43)
     assert (comms.kind, comms.seconds) == ("no_comms", 43200.0)
     assert done.kind == "mission_done" and done.ends_mission
-    assert mission.surface_stay == 420.0
+    assert mission.surface_stay == 600.0
     assert mission.samples == (SampleRule(1, frozenset({"dive", "climb"}), 4.0, -5.0, 2000.0, 2),)
     assert mission.aborts == Aborts(
         overdepth=120.0, undervolts=10.0, same_depth_for=900.0, stalled_for=1800.0, no_comms_for=259200.0,
@@ -328,10 +328,10 @@ def test_degrees_and_minutes_there_and_back(degrees):
 @pytest.mark.parametrize(
     ("parts", "waypoints", "stay"),
     [
-        (("recordings", "comet2019", "missions", "nsb3"), 2, 420.0),
-        (("recordings", "comet2019", "missions", "nsb3", "missions", "nsb3.mi"), 2, 420.0),
-        (("live", "missions", "smerckel_glidersim_nsb3"), 2, 420.0),
-        (("live", "missions", "smerckel_glidersim_helgo"), 3, 420.0),
+        (("recordings", "comet2019", "missions", "nsb3"), 2, 600.0),
+        (("recordings", "comet2019", "missions", "nsb3", "missions", "nsb3.mi"), 2, 600.0),
+        (("live", "missions", "smerckel_glidersim_nsb3"), 2, 600.0),
+        (("live", "missions", "smerckel_glidersim_helgo"), 3, 600.0),
     ],
 )
 def test_real_missions(real, parts, waypoints, stay):
@@ -368,13 +368,14 @@ def test_a_real_mission_completed_with_waypoints(real, tmp_path):
     assert [r.kind for r in mission.surface] == ["yo_done", "no_comms", "no_comms", "mission_done"]
     assert [r.seconds for r in mission.surface[1:3]] == [28800.0, 50400.0]
     assert [s.sensor_type for s in mission.samples] == [1, 48, 54, 87]
-    assert mission.surface_stay == 719.0 and mission.aborts.undervolts == 12.5
+    assert mission.surface_stay == 899.0 and mission.aborts.undervolts == 12.5
     assert any("autoballast" in line for line in mission.unsupported)
 
 
 PIECES = st.sampled_from(
     """behavior: yo|behavior: goto_list|behavior: surface|behavior: sample|behavior_name=yo|<start:b_arg>
-behavior: abend|<start:waypoints>|<end:waypoints>|-7040.271 4138.861|b_arg: args_from_file(enum) 10|sensor: x(m) 1e999|\x00|°
+behavior: abend|-7040.271 4138.861|<start:waypoints>
+<end:waypoints>|b_arg: args_from_file(enum) 10|sensor: x(m) 1e999|\x00|°
 b_arg: d_target_depth(m) 50|b_arg: c_pitch_value(X) nan|b_arg: start_when(enum) 1e300|b_arg: x|b_arg: overdepth(m) -3
 b_arg: num_legs_to_run(nodim) 1e18|b_arg: when_utc_timestamp(dtime) 9999999999|b_arg: start_when(enum) 13
 b_arg: initial_wpt(enum) -99|b_arg: state_to_sample(enum) -7|b_arg: d_target_depth(m) -50|b_arg: wpt_x_0(X) -7000.0
@@ -435,7 +436,7 @@ def expressible(draw):
         waypoint_radius=draw(st.floats(10.0, 5000.0)),
         legs=draw(st.sampled_from([-2, -1, 3])),
         first_waypoint=draw(st.none() | st.integers(0, len(points) - 1)),
-        surface_stay=draw(st.floats(120.0, 1020.0)),
+        surface_stay=draw(st.floats(300.0, 1200.0)),
         samples=(SampleRule(draw(st.integers(0, 90)), frozenset(draw(STATES)), 2.0),),
         aborts=Aborts(overdepth=2000.0, undervolts=draw(st.none() | st.floats(9.0, 13.0)), remaining_charge=0.1),
         current_correction=draw(st.booleans()),
