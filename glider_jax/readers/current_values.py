@@ -21,7 +21,7 @@ SIGNAL_VARIANCE = 420e-4  # m2 s-2, of the MARACOOS optimal interpolation where 
 WORST_ERROR = 0.6  # u_err above which the product's own comment calls a vector questionable
 DOP_ERROR = 0.08  # m s-1 per unit of dilution of precision: sqrt(66 cm2 s-2), the radials' error at MARACOOS
 FASTEST = 10.0  # m s-1; no current is faster, an undeclared fill value is
-BAD_FLAGS = ("fail", "suspect", "bad", "missing", "probably_bad")
+BAD_FLAGS = ("fail", "suspect", "bad", "missing", "probably_bad", "potentially")
 
 
 @dataclass

@@ -327,7 +327,7 @@ def longitude_axis(lon: Array, where: str, west: float | None = None) -> tuple[A
         start = -180.0 if west is None else west - 1.01 * typical  # around the globe
     start = (start + 180.0) % 360.0 - 180.0
     # The small shift keeps a first meridian that rounding puts just west of the start.
-    axis = start + np.mod(lon - start + 1e-7, 360.0) - 1e-7
+    axis = lon - 360.0 * np.floor((lon - start + 1e-7) / 360.0)
     order = np.argsort(axis, kind="stable")
     axis = axis[order]
     keep = np.append(True, np.diff(axis) > 1e-6 * typical)
