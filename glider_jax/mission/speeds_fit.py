@@ -369,17 +369,15 @@ def _checked(where: str, entry: Any) -> SpeedDistribution:
     probabilities = _numbers(where, "probabilities", entry["probabilities"])
     if speeds.size != probabilities.size or speeds.size < 2:
         raise DataError(
-            f"{where}: expected as many speeds as probabilities, at least 2, found {speeds.size} and {probabilities.size}."
+            f"{where}: expected as many speeds as probabilities, at least 2, found {speeds.size} "
+            f"and {probabilities.size}."
         )
     if np.any(np.diff(probabilities) <= 0.0) or probabilities[0] != 0.0 or probabilities[-1] != 1.0:
         raise DataError(f"{where}: expected probabilities that ascend from 0 to 1, found {_ends(probabilities)}.")
     if np.any(np.diff(speeds) < 0.0) or speeds[0] <= 0.0 or speeds[-1] > 5.0:
         raise DataError(f"{where}: expected ascending speeds above 0 and below 5 m/s, found {_ends(speeds)}.")
-    single = _numbers(
-        where,
-        "pitch_deg, segments, distance_m, duration_s",
-        [entry[n] for n in needed if n not in ("kind", "speeds", "probabilities")],
-    )
+    totals = ("pitch_deg", "segments", "distance_m", "duration_s")
+    single = _numbers(where, ", ".join(totals), [entry[name] for name in totals])
     if not 0.0 < single[0] < 90.0 or np.any(single[1:] < 0.0):
         raise DataError(f"{where}: expected a pitch between 0 and 90 degrees and totals of 0 or more, found {single}.")
     spread = entry.get("speeds_sd")

@@ -38,10 +38,11 @@ class Variation(NamedTuple):
 
 
 class Path(NamedTuple):
-    """Displacement through the water in m, how it was found, and which share of the time it rests on."""
+    """Displacement and length through the water in m, how it was found, and which share of the time it rests on."""
 
     east: float
     north: float
+    length: float
     how: str
     coverage: float
 
@@ -251,13 +252,15 @@ def through_water(
         good = np.isfinite(rates[0])
         coverage = float(good.mean())
         if coverage >= 0.8:
-            return Path(float(rates[0][good].mean() * span), float(rates[1][good].mean() * span), "own", coverage)
+            east, north = rates[0][good], rates[1][good]
+            length = float(np.hypot(east, north).mean() * span)
+            return Path(float(east.mean() * span), float(north.mean() * span), length, "own", coverage)
     return _firmware_path(recording, begin, end, variation)
 
 
 def _firmware_path(recording: Recording, begin: float, end: float, variation: Variation) -> Path:
     """Displacement of the firmware's dead-reckoned position, less its water velocity if it had added it."""
-    nothing = Path(np.nan, np.nan, "none", 0.0)
+    nothing = Path(np.nan, np.nan, np.nan, "none", 0.0)
     if "latitude" not in recording or "longitude" not in recording:
         return nothing
     both = np.isfinite(recording["latitude"]) & np.isfinite(recording["longitude"])
@@ -276,7 +279,8 @@ def _firmware_path(recording: Recording, begin: float, end: float, variation: Va
         water = to_true(x, y, variation.value)
         east, north = east - water[0] * span, north - water[1] * span
     whole = (end - begin) / span
-    return Path(float(east) * whole, float(north) * whole, "recorded", float(span / (end - begin)))
+    x, y = float(east) * whole, float(north) * whole
+    return Path(x, y, float(np.hypot(x, y)), "recorded", float(1.0 / whole))
 
 
 def adds_water(recording: Recording) -> bool:

@@ -20,9 +20,9 @@ EARLIEST, LATEST = 631_152_000.0, 4_102_444_800.0
 UNSET_POSITION = 69_696_969.0
 #: A fix that needs more than this between its neighbours is wrong: drift and glide stay below 3 m/s.
 FASTEST, JUMP = 3.0, 300.0
-#: m; a fix reported while the hull was deeper than this within ``FIX_DEPTH_WITHIN`` seconds is an old one,
-#: held.
-FIX_DEPTH, FIX_DEPTH_WITHIN = 10.0, 10.0
+#: m; an antenna can still be up at this depth of the sensor. A fix is old, and held, if the glider could not have
+#: risen to it from its nearest depth, or sunk to that, at ``FASTEST_RISE`` m/s.
+FIX_DEPTH, FASTEST_RISE = 6.0, 0.6
 #: s; fixes further apart belong to different surfacings.
 SURFACING = 1800.0
 METRES_PER_DEGREE = 111_195.0
@@ -242,11 +242,10 @@ def mend_fixes(time: Array, channels: dict[str, Array], tally: Tally) -> None:
         rows = np.flatnonzero(np.isfinite(lat))
         known = np.flatnonzero(np.isfinite(channels["depth"]))
         if rows.size and known.size:
-            near = known[np.clip(np.searchsorted(time[known], time[rows]), 0, known.size - 1)]
-            prior = known[np.clip(np.searchsorted(time[known], time[rows]) - 1, 0, known.size - 1)]
-            closer = np.abs(time[prior] - time[rows]) < np.abs(time[near] - time[rows])
-            near = np.where(closer, prior, near)
-            deep = (channels["depth"][near] > FIX_DEPTH) & (np.abs(time[near] - time[rows]) <= FIX_DEPTH_WITHIN)
+            depth, place = channels["depth"], np.searchsorted(time[known], time[rows])
+            deep = np.zeros(rows.size, bool)
+            for side in (known[np.clip(place - 1, 0, known.size - 1)], known[np.clip(place, 0, known.size - 1)]):
+                deep |= depth[side] - FASTEST_RISE * np.abs(time[side] - time[rows]) > FIX_DEPTH
             reject(rows[deep], "fixes held under water")
     for _ in range(3):
         rows = np.flatnonzero(np.isfinite(lat))

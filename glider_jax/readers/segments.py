@@ -12,7 +12,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from glider_jax.readers.dead_reckoning import Variation, finite, magnetic_variation, metres, through_water, to_true
+from glider_jax.readers.dead_reckoning import (
+    SHALLOWEST_PITCH,
+    Path,
+    Variation,
+    finite,
+    magnetic_variation,
+    metres,
+    steady_angle_of_attack,
+    through_water,
+    to_true,
+)
 from glider_jax.readers.dives import ASCENT, DESCENT, LONGEST_HOLE, Leg, fixes, legs, underwater
 from glider_jax.readers.dives import Inflection as Inflection
 from glider_jax.readers.dives import Surfacing as Surfacing
@@ -39,7 +49,8 @@ class Segment:
     maximum_depth, inflections, dive_pitch, climb_pitch : m, count under water, mean pitches in rad.
     east, north : m between the two fixes.
     water_east, water_north : m through the water between ``dive_time`` and ``surface_time`` by dead reckoning;
-        ``dead_reckoning`` says whose: ``own``, ``recorded`` or ``none``. ``heading`` rad true, its direction.
+        ``dead_reckoning`` says whose: ``own``, ``recorded`` or ``none``. ``heading`` rad true, its direction;
+        ``path_length`` m along the way, turns included, from depths and pitches where headings are too sparse.
     glider_current_east, glider_current_north : m/s, the glider's own depth average over this segment, turned to
         true; ``glider_current_from`` says which of its values (``final``, ``in use``, ``initial``, ``product``).
     current_east, current_north : m/s, own depth average: positions where it dived and surfaced less dead reckoning.
@@ -68,6 +79,7 @@ class Segment:
     water_north: float
     dead_reckoning: str
     heading: float
+    path_length: float
     glider_current_east: float
     glider_current_north: float
     glider_current_from: str
@@ -187,6 +199,7 @@ def _segment(
         water_east=through.real,
         water_north=through.imag,
         dead_reckoning=paths[0].how,
+        path_length=_length(paths, mine),
         heading=float(np.arctan2(through.real, through.imag) % (2.0 * np.pi)),
         glider_current_east=glider.real,
         glider_current_north=glider.imag,
@@ -201,6 +214,19 @@ def _segment(
         dives=int(spans.shape[0]),
         variation=turn,
     )
+
+
+def _length(paths: list[Path], mine: list[Leg]) -> float:
+    """Length of the way through the water: dead reckoned, or from the legs' heights and pitches."""
+    if all(p.how == "own" for p in paths):
+        return sum(p.length for p in paths)
+    usual = _mean([abs(leg.pitch) for leg in mine])
+    total = 0.0
+    for leg in mine:
+        pitch = abs(leg.pitch) if np.isfinite(leg.pitch) and abs(leg.pitch) > SHALLOWEST_PITCH else usual
+        angle = pitch + float(steady_angle_of_attack(np.array(pitch)))
+        total += abs(leg.end_depth - leg.start_depth) / np.tan(angle)
+    return float(total)
 
 
 def _mean(values: list[float]) -> float:
