@@ -119,7 +119,8 @@ QUANTITIES: dict[str, QuantitySpec] = {
         "1", 0.05, 0.0, "judgement", 0.0, 1.0, "1-sigma share by which speed through water differs from the model's",
     ),
     "perturbation.surface_stay": QuantitySpec(
-        "1", 0.25, 0.0, "judgement: stays of 7 to 13 minutes where 10 were expected", 0.0, 2.0, "1-sigma share of the surface stay",
+        "1", 0.25, 0.0, "judgement: stays of 7 to 13 minutes where 10 were expected", 0.0, 2.0,
+        "1-sigma share of the surface stay",
     ),
 }  # fmt: skip
 

@@ -45,7 +45,7 @@ def surface_rules(
     -----
     The stay is estimated: a typical minute to the first fix (less if ``gps_wait_time`` is less), the wait after the
     fix, three minutes of dialling and sending, and the whole ``keystroke_wait_time`` that the glider waits for a
-    pilot. With waits of 300 s this is 600 s; comet stayed 753 s once in 2019, other gliders 420 to 690 s after surfacing.
+    pilot. With waits of 300 s this is 600 s; comet stayed 753 s once in 2019, other gliders 420 to 690 s.
     """
     rules: list[SurfaceRule] = []
     stays: list[tuple[str, float]] = []
