@@ -27,7 +27,7 @@ from glider_jax.readers.grids import (
 )
 from glider_jax.readers.roms_files import RomsFile, RomsFiles
 from glider_jax.readers.roms_grid import Box, read_horizontal, read_vertical
-from glider_jax.readers.roms_vertical import choose_levels, to_depths
+from glider_jax.readers.roms_vertical import DepthWeights, choose_levels
 from glider_jax.records import Array, Source
 
 TEMPERATURES = {
@@ -110,13 +110,13 @@ def roms_means(
             raise CoverageError(f"{files.names}: expected sea with a known depth in the box, found none.")
         levels = choose_levels(float(block.h[sea].max()))
         h = block.h[sea]
-        depths = vertical.depths(h)
+        weights = DepthWeights(vertical.depths(h), levels)
         below = levels[:, None] > h
         total, count = np.zeros((2, levels.size)), np.zeros((2, levels.size))
         for file, index in _roms_frames(files, holders, period):
             for number, name in enumerate(("temp", "salt")):
                 values = file.values(name, (index, ..., block.rows, block.columns))[:, sea]
-                values = np.where(below, np.nan, to_depths(values, depths, levels))
+                values = np.where(below, np.nan, weights.apply(values))
                 total[number] += np.nansum(values, axis=1)
                 count[number] += np.isfinite(values).sum(axis=1)
         files.note("means over the sea points that reach each depth; the free surface was taken as 0.")

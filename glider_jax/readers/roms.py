@@ -17,7 +17,7 @@ from glider_jax.errors import CoverageError, DataError
 from glider_jax.readers.grids import epoch_seconds, iso, speed_factor, text_attribute
 from glider_jax.readers.roms_files import RomsFile, RomsFiles
 from glider_jax.readers.roms_grid import Box, HorizontalGrid, RegularTarget, read_horizontal, read_vertical
-from glider_jax.readers.roms_vertical import THINNEST, choose_levels, to_depths
+from glider_jax.readers.roms_vertical import THINNEST, DepthWeights, choose_levels
 from glider_jax.records import Array, BathymetryGrid, CurrentGrid
 
 PLAUSIBLE_ZETA = 3.0  # m, a larger free surface is reported
@@ -105,8 +105,9 @@ def read_roms_currents(
         for number, frame in enumerate(frames):
             pair = _at_rho(frame, dialect, block, at_rho, geographic)
             if vertical is not None:
-                depths = vertical.depths(block.h, surface(frame, dialect.u))
-                pair = tuple(to_depths(part, depths, depth) for part in pair)
+                zeta = surface(frame, dialect.u)
+                weights = DepthWeights(vertical.depths(block.h[block.sea], zeta[block.sea]), depth)
+                pair = tuple(_at_sea(block.sea, weights.apply(part[:, block.sea])) for part in pair)
             east[number], north[number] = (target.apply(part) for part in pair)
         surface.report()
         if vertical is not None:
@@ -281,6 +282,13 @@ def _faces(frame: Frame, name: str, rows: slice, columns: slice, axis: int, size
     pad = [(0, 0)] * values.ndim
     pad[axis] = (int(along.start == 0), int(along.stop == size))
     return np.pad(values, pad, constant_values=np.nan)
+
+
+def _at_sea(sea: Array, values: Array) -> Array:
+    """Values (level, point at sea) spread over the block (level, ny, nx), NaN on land."""
+    out = np.full((values.shape[0], *sea.shape), np.nan)
+    out[:, sea] = values
+    return out
 
 
 def masked_mean(faces: Array, is_open: Array, axis: int) -> Array:

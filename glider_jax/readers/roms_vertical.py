@@ -182,33 +182,41 @@ def depth_mean(values: Array, thickness: Array) -> Array:
     return (values * thickness).sum(axis=0) / thickness.sum(axis=0)
 
 
-def to_depths(values: Array, depths: Array, levels: Array) -> Array:
-    """Values at fixed depths from values on terrain-following levels.
+class DepthWeights:
+    """Linear interpolation in depth from terrain-following levels to fixed depths; build once, apply to each field.
 
-    Linear in depth between levels. Above the highest level its value is used, below the deepest level the
-    deepest value, also below the seafloor, so that interpolation between columns on a slope finds a number.
+    Above the highest level its value is used, below the deepest level the deepest value, also below the seafloor,
+    so that interpolation between columns on a slope finds a number.
 
     Parameters
     ----------
-    values, depths : (level, ...) values and their depths in m, bottom level first.
+    depths : (level, ...) m below the surface, bottom level first.
     levels : (l,) m, depths wanted.
-
-    Returns
-    -------
-    Array (l, ...).
     """
-    down, value = depths[::-1], values[::-1]  # surface first, so that depth ascends
-    n = down.shape[0]
-    if n == 1:
-        return np.repeat(value, len(levels), axis=0)
-    out = np.empty((len(levels), *value.shape[1:]))
-    for index, level in enumerate(levels):
-        below = np.clip((down <= level).sum(axis=0), 1, n - 1)[None]
-        upper, lower = (np.take_along_axis(down, below + step, axis=0)[0] for step in (-1, 0))
-        first, second = (np.take_along_axis(value, below + step, axis=0)[0] for step in (-1, 0))
-        share = np.clip((level - upper) / (lower - upper), 0.0, 1.0)
-        out[index] = first + share * (second - first)
-    return out
+
+    def __init__(self, depths: Array, levels: Array):
+        down = depths[::-1].reshape(depths.shape[0], -1)  # surface first, so that depth ascends
+        self._n = down.shape[0]
+        self._shape = (len(levels), *depths.shape[1:])
+        self._column = np.arange(down.shape[1])
+        self._lower = np.zeros((len(levels), down.shape[1]), int)
+        self._share = np.zeros(self._lower.shape)
+        for index, level in enumerate(levels if self._n > 1 else ()):
+            lower = np.clip((down <= level).sum(axis=0), 1, self._n - 1)
+            upper, below = down[lower - 1, self._column], down[lower, self._column]
+            self._lower[index] = lower
+            self._share[index] = np.clip((level - upper) / (below - upper), 0.0, 1.0)
+
+    def apply(self, values: Array) -> Array:
+        """Values (level, ...), bottom level first, at the fixed depths (l, ...)."""
+        value = values[::-1].reshape(self._n, -1)
+        first = value[np.maximum(self._lower - 1, 0), self._column]
+        return (first + self._share * (value[self._lower, self._column] - first)).reshape(self._shape)
+
+
+def to_depths(values: Array, depths: Array, levels: Array) -> Array:
+    """One field at fixed depths, see :class:`DepthWeights`."""
+    return DepthWeights(depths, levels).apply(values)
 
 
 def choose_levels(deepest: float, levels: Array | None = None) -> Array:
