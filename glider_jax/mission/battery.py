@@ -54,6 +54,12 @@ def energy_limits(battery: Battery, mission: Mission, available):
     return limits, codes
 
 
+def mean_voltage(battery: Battery) -> float:
+    """Open-circuit voltage averaged over the charge, V; a pack's energy is its charge times this."""
+    _, _, volts = discharge_table(battery)
+    return float(np.mean(0.5 * (volts[1:] + volts[:-1])))
+
+
 def battery_state(battery: Battery, energy, available, power):
     """Charge drawn (C), state of charge (0..1) and terminal voltage (V).
 
@@ -64,8 +70,7 @@ def battery_state(battery: Battery, energy, available, power):
     soc, share, volts = discharge_table(battery)
     used = np.clip(energy / available[:, None], 0.0, 1.0)
     state = np.interp(used, share, soc)
-    # The charge available scales with the energy available: the pack's voltage is the chemistry's.
-    charge = available / (battery.energy.value) * battery.capacity.value
     open_circuit = np.interp(state, soc[::-1], volts[::-1])
     sag = power[:, None] / open_circuit * battery.internal_resistance.value
+    charge = available / mean_voltage(battery)
     return charge[:, None] * (1.0 - state), state, open_circuit - sag

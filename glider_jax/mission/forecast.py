@@ -18,7 +18,7 @@ from glider_jax.config import Mission, Vehicle
 from glider_jax.environment.fields import flat_bottom, make_bathymetry, make_currents, still_water
 from glider_jax.environment.frame import Frame
 from glider_jax.errors import ConfigError, CoverageError, Outcome
-from glider_jax.mission.battery import battery_state, energy_limits
+from glider_jax.mission.battery import battery_state, energy_limits, mean_voltage
 from glider_jax.mission.ensemble import Column, Output, draw_members, member_keys, run_members
 from glider_jax.mission.plan import Plan, Shape, legs_of, make_plan
 from glider_jax.mission.step import Environment, Member, State
@@ -241,10 +241,11 @@ def _draw(run: Run, pack, begin: int, count: int):
         members = draw_members(run.model, run.vehicle, run.devices, spread, keys, dtype)
         packs = jax.vmap(lambda k: draw_pack(pack, run.vehicle.battery, k, spread))(keys)
         temperature = jnp.asarray(run.water_temperature, dtype)
-        return members, jax.vmap(lambda p: p.usable_energy(temperature))(packs)
+        return members, jax.vmap(lambda p: p.usable_charge(temperature))(packs)
 
-    members, available = draws(keys)
-    available = np.asarray(available, float)
+    members, charge = draws(keys)
+    # Rated energies are quoted at a nominal voltage; what can be drawn is the charge at the curve's voltage.
+    available = np.asarray(charge, float) * mean_voltage(run.vehicle.battery)
     limits, codes = energy_limits(run.vehicle.battery, run.mission, available)
     return (
         members._replace(energy_limit=jnp.asarray(limits, dtype), limit_code=jnp.asarray(codes, jnp.int32)),

@@ -153,6 +153,8 @@ def make_plan(
     yo = mission.yo
     lead = yo.overshoot
     volume = vehicle.value("flight.pump_volume")
+    down = min(abs(yo.dive_volume), volume) if yo.dive_volume is not None else volume
+    up = min(abs(yo.climb_volume), volume) if yo.climb_volume is not None else volume
 
     def number(value):
         return jnp.asarray(value, dtype)
@@ -166,8 +168,8 @@ def make_plan(
         altitude=number(yo.dive_altitude if yo.dive_altitude is not None else 0.0),
         dive_tangent=number(math.tan(yo.dive_pitch)),
         climb_tangent=number(math.tan(yo.climb_pitch)),
-        dive_volume=number(-abs(yo.dive_volume if yo.dive_volume is not None else volume)),
-        climb_volume=number(abs(yo.climb_volume if yo.climb_volume is not None else volume)),
+        dive_volume=number(-down),
+        climb_volume=number(up),
         dive_pitch=number(yo.dive_pitch),
         climb_pitch=number(yo.climb_pitch),
         overshoot_time=number(overshoot_time(vehicle, mission) if lead is None else 0.0),

@@ -274,7 +274,8 @@ def _plan_dive(member, plan: Plan, shape: Shape, env: Environment, legs, base, s
     first_time = low.dive_time - start.dive_time
     up_time = low.climb_time - ceiling.climb_time
     one_time = (low.dive_time - ceiling.dive_time) + up_time
-    surfaces = (yos < 1.5) & (remaining <= first_time + up_time)
+    # A rule that waits for the yo brings up only the first climb that begins after its time.
+    surfaces = (yos < 1.5) & (remaining <= first_time + jnp.where(breaks, up_time, 0.0))
     if shape.bounded_yos:
         finished = yos >= yo_left - 0.25
         reason = jnp.where(finished & ~surfaces, count - 2, reason)

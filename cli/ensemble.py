@@ -1,0 +1,151 @@
+"""``glider-forecast ensemble``: the main job."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+_INPUTS, _PHYSICS, _OUTPUT = "Inputs", "Physics and uncertainty", "Output"
+
+
+def ensemble(
+    n: Annotated[int, typer.Option("--n", "-n", help="Number of members.", rich_help_panel=_PHYSICS)] = 5000,
+    mission: Annotated[
+        Path | None,
+        typer.Option(
+            help="Mission: TOML file, Slocum .mi file, or its folder. Default: bundled New Jersey mission.",
+            rich_help_panel=_INPUTS,
+        ),
+    ] = None,
+    vehicle: Annotated[
+        str | None, typer.Option(help="Vehicle: TOML file or the name of a bundled one.", rich_help_panel=_INPUTS)
+    ] = None,
+    currents: Annotated[
+        list[str] | None,
+        typer.Option(help="Currents: one or more files of one product, a folder, or 'none'.", rich_help_panel=_INPUTS),
+    ] = None,
+    bathymetry: Annotated[
+        Path | None, typer.Option(help="Bathymetry file, or 'none'.", rich_help_panel=_INPUTS)
+    ] = None,
+    hydrography: Annotated[
+        list[Path] | None,
+        typer.Option(help="Temperature and salinity, for --speed flight.", rich_help_panel=_INPUTS),
+    ] = None,
+    tides: Annotated[
+        Path | None, typer.Option(help="ROMS tide forcing added to the currents.", rich_help_panel=_INPUTS)
+    ] = None,
+    grid: Annotated[
+        Path | None, typer.Option(help="Grid file of a native ROMS product.", rich_help_panel=_INPUTS)
+    ] = None,
+    start: Annotated[
+        str | None, typer.Option(help="Start, UTC, ISO 8601; default: the mission's.", rich_help_panel=_INPUTS)
+    ] = None,
+    start_position: Annotated[
+        tuple[float, float] | None,
+        typer.Option(help="Start, decimal degrees: LAT LON.", rich_help_panel=_INPUTS),
+    ] = None,
+    decimal_degrees: Annotated[
+        bool, typer.Option(help="Waypoints of .ma files are decimal degrees.", rich_help_panel=_INPUTS)
+    ] = False,
+    days: Annotated[
+        float | None,
+        typer.Option(help="Days to forecast; default 15, or to the end of the currents.", rich_help_panel=_PHYSICS),
+    ] = None,
+    speed: Annotated[
+        str, typer.Option(help="Speed model: shoebox, distribution or flight.", rich_help_panel=_PHYSICS)
+    ] = "distribution",
+    speed_kind: Annotated[
+        str,
+        typer.Option(help="Distribution: over_ground, through_water or auto.", rich_help_panel=_PHYSICS),
+    ] = "auto",
+    speeds: Annotated[
+        Path | None, typer.Option(help="Speed file made by 'speeds fit'.", rich_help_panel=_PHYSICS)
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Seed of all random draws.", rich_help_panel=_PHYSICS)] = 0,
+    spread: Annotated[
+        float,
+        typer.Option(min=0.0, help="Factor on every perturbation; 0 flies one mission.", rich_help_panel=_PHYSICS),
+    ] = 1.0,
+    reserve: Annotated[
+        float | None,
+        typer.Option(min=0.0, max=1.0, help="Share of the charge a pilot wants left.", rich_help_panel=_PHYSICS),
+    ] = None,
+    polygons: Annotated[
+        Path | None, typer.Option(help="GeoJSON areas whose entry is of interest.", rich_help_panel=_PHYSICS)
+    ] = None,
+    precision: Annotated[str, typer.Option(help="float32 or float64.", rich_help_panel=_PHYSICS)] = "float32",
+    interval_h: Annotated[
+        float | None, typer.Option(help="Hours between outputs; default about 120 outputs.", rich_help_panel=_OUTPUT)
+    ] = None,
+    out: Annotated[Path, typer.Option(help="Folder of the products.", rich_help_panel=_OUTPUT)] = Path("forecast"),
+    formats: Annotated[
+        str,
+        typer.Option(
+            "--format", help="Products: nc,json,geojson,kmz,map,battery, or 'all'.", rich_help_panel=_OUTPUT
+        ),
+    ] = "all",
+    json_: Annotated[
+        bool, typer.Option("--json", help="Print the summary as JSON on standard output.", rich_help_panel=_OUTPUT)
+    ] = False,
+) -> None:
+    """Forecast surfacing positions and battery depletion with an ensemble of missions.
+
+    Example: glider-forecast ensemble --n 5000 --out forecast
+    """
+    from glider_jax_cli.session import compiled_cache, progress_bar
+
+    compiled_cache()
+    import json
+    from datetime import UTC, datetime
+
+    from glider_jax.errors import ConfigError, did_you_mean
+    from glider_jax.products.atomic import termination_raises
+    from glider_jax.products.job import Options, run_ensemble
+
+    defaults = Options()
+    outputs = defaults.outputs
+    if formats != "all":
+        outputs = frozenset(word.strip() for word in formats.split(",") if word.strip())
+        for word in sorted(outputs - defaults.outputs):
+            raise ConfigError(
+                f"--format: expected words of {', '.join(sorted(defaults.outputs))}, found '{word}'."
+                f"{did_you_mean(word, defaults.outputs)}"
+            )
+    begin = None
+    if start is not None:
+        try:
+            moment = datetime.fromisoformat(start)
+        except ValueError as error:
+            raise ConfigError(
+                f"--start: expected a time such as 2009-09-05T12:00:00Z, found '{start}'. Give ISO 8601, UTC."
+            ) from error
+        begin = (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
+    options = Options(
+        n=n, mission=mission, vehicle=_vehicle(vehicle), currents=tuple(Path(p) for p in currents or ()),
+        bathymetry=bathymetry, hydrography=tuple(hydrography or ()), tides=tides, grid=grid, speed=speed,
+        speed_kind=speed_kind, speeds=speeds, seed=seed, days=days, start=begin, start_position=start_position,
+        interval=None if interval_h is None else interval_h * 3600.0, polygons=polygons, reserve=reserve,
+        spread=spread, precision=precision, decimal_degrees=decimal_degrees, outputs=outputs,
+    )  # fmt: skip
+    with termination_raises(), progress_bar("members", n) as progress:
+        result = run_ensemble(options, out, progress)
+    if json_:
+        print(json.dumps(result.summary, allow_nan=False))
+    else:
+        from rich.console import Console
+
+        from glider_jax.products.tables import print_summary
+
+        print_summary(result.summary, Console())
+    for kind, path in result.files.items():
+        print(f"{kind}: {path}", file=sys.stderr)
+
+
+def _vehicle(name: str | None):
+    """A bundled vehicle by its name, else a path."""
+    from glider_jax.readers.vehicles import presets
+
+    return name if name is None or name in presets() else Path(name)

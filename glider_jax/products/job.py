@@ -1,0 +1,315 @@
+"""The main job: read every input, fly the ensemble, write every product. The command line only parses and prints.
+
+Files are read in threads while JAX is being loaded, because start-up is where a small forecast spends its time.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from glider_jax.config import Mission, Vehicle
+from glider_jax.errors import ConfigError
+from glider_jax.products.atomic import write_text
+from glider_jax.readers.missions import read_mission
+from glider_jax.readers.vehicles import read_vehicle
+from glider_jax.records import BathymetryGrid, CurrentGrid, Track, WaterProfile
+from glider_jax_data import path as bundled_path
+
+DAY = 86400.0
+DEFAULT_DAYS = 15.0
+STREAM_ABOVE = 50_000
+
+
+@dataclass(frozen=True)
+class Options:
+    """What a user asks of a forecast; None takes the bundled default or the mission's own.
+
+    ``currents`` are files of one product, or one word ``none``. ``days``, ``start`` (UTC seconds), ``start_position``
+    (latitude, longitude). ``polygons`` is a GeoJSON file. ``outputs`` names the products to write.
+    """
+
+    n: int = 5000
+    mission: Path | None = None
+    vehicle: Path | None = None
+    currents: tuple[Path, ...] = ()
+    bathymetry: Path | None = None
+    hydrography: tuple[Path, ...] = ()
+    tides: Path | None = None
+    grid: Path | None = None
+    speed: str = "distribution"
+    speed_kind: str = "auto"
+    speeds: Path | None = None
+    seed: int = 0
+    days: float | None = None
+    start: float | None = None
+    start_position: tuple[float, float] | None = None
+    interval: float | None = None
+    polygons: Path | None = None
+    reserve: float | None = None
+    spread: float = 1.0
+    precision: str = "float32"
+    decimal_degrees: bool = False
+    outputs: frozenset[str] = frozenset({"nc", "json", "geojson", "kmz", "map", "battery"})
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """Everything read from files, and what was assumed on the way."""
+
+    mission: Mission
+    vehicle: Vehicle
+    currents: CurrentGrid | None
+    bathymetry: BathymetryGrid | None
+    water: WaterProfile | None
+    start: float | None
+    days: float
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Result:
+    """A finished job: the summary, where each product lies, and a track to draw from (all members, or a sample)."""
+
+    summary: dict[str, Any]
+    files: dict[str, Path] = field(default_factory=dict)
+    track: Track | None = None
+
+
+def reach_box(mission: Mission, position: tuple[float, float], days: float) -> tuple[float, float, float, float]:
+    """(south, north, west, east) degrees that the mission can reach: its waypoints and a margin for drift."""
+    points = np.array([position, *mission.waypoints], float)
+    # Drift of 0.15 m/s for the whole time, at most 250 km, plus half a degree.
+    margin = 0.5 + min(0.15 * days * DAY, 250e3) / 111e3
+    wide = margin / max(math.cos(math.radians(float(np.abs(points[:, 0]).max()))), 0.1)
+    longitude = position[1] + (points[:, 1] - position[1] + 180.0) % 360.0 - 180.0
+    return (
+        float(max(points[:, 0].min() - margin, -90.0)),
+        float(min(points[:, 0].max() + margin, 90.0)),
+        float(longitude.min() - wide),
+        float(longitude.max() + wide),
+    )
+
+
+def read_inputs(options: Options) -> Inputs:
+    """Read mission, vehicle and fields, the bundled ones where the user gave none.
+
+    Raises
+    ------
+    GliderJaxError : a file is missing, unreadable or wrong; the message says which and why.
+    """
+    if options.n < 1:
+        raise ConfigError(f"--n: expected at least 1 member, found {options.n}.")
+    if options.days is not None and not 0 < options.days <= 3650:
+        raise ConfigError(f"--days: expected more than 0 and at most 3650, found {options.days:g}.")
+    bundled = options.mission is None
+    mission = (
+        read_mission(bundled_path("missions/new_jersey.toml"))
+        if bundled
+        else read_mission(options.mission, decimal_degrees=options.decimal_degrees)
+    )
+    vehicle = read_vehicle(options.vehicle)
+    position = options.start_position or mission.start_position
+    if position is None and mission.waypoints:
+        raise ConfigError(
+            f"{mission.name}: expected a start position, found none in the mission. Give --start-position LAT LON."
+        )
+    notes: list[str] = []
+    days = options.days if options.days is not None else DEFAULT_DAYS
+    box = reach_box(mission, position, days)
+    start = options.start if options.start is not None else mission.start
+    # Fields of other years may be tried with the bundled mission: its own start then means nothing.
+    free_start = options.start is None and (bundled or mission.start is None) and bool(options.currents)
+    period = None if start is None or free_start else (start, start + days * DAY)
+    with ThreadPoolExecutor(3) as pool:
+        currents = pool.submit(_read_currents, options, bundled, box, period)
+        bathymetry = pool.submit(_read_bathymetry, options, bundled, box)
+        water = pool.submit(_read_water, options, box)
+        fields = currents.result(), bathymetry.result(), water.result()
+    grid = fields[0]
+    if grid is not None and not grid.constant_in_time:
+        if free_start and not (start is not None and grid.time[0] <= start <= grid.time[-1]):
+            start = float(grid.time[0])
+            notes.append(f"start set to the first time of the currents, {np.datetime64(int(start), 's')}Z")
+        left = (float(grid.time[-1]) - start) / DAY if start is not None else days
+        if options.days is None and 0 < left < days:
+            days = left
+            notes.append(f"the currents end after {left:.2f} days: the forecast ends there (--days asks for more)")
+    return Inputs(mission, vehicle, *fields, start=start, days=days, notes=tuple(notes))
+
+
+def _read_currents(options: Options, bundled: bool, box, period) -> CurrentGrid | None:
+    from glider_jax.readers.currents import read_currents
+
+    if [str(p) for p in options.currents] == ["none"]:
+        grid = None
+    elif options.currents:
+        grid = read_currents(list(options.currents), box=box, period=period, grid=options.grid)
+    elif bundled:
+        grid = read_currents(bundled_path("new_jersey_currents.nc"), box=box, period=period)
+    else:
+        grid = None
+    if options.tides is not None:
+        from glider_jax.readers.tides import add_tides, read_tides, tidal_grid
+
+        tides = read_tides(options.tides, grid=options.grid, box=box)
+        if grid is not None:
+            return add_tides(grid, tides)
+        if period is None:
+            raise ConfigError("--tides: expected a start time or currents, found neither. Give --start.")
+        return tidal_grid(tides, np.arange(period[0], period[1] + 3600.0, 3600.0))
+    return grid
+
+
+def _read_bathymetry(options: Options, bundled: bool, box) -> BathymetryGrid | None:
+    from glider_jax.readers.bathymetry import read_bathymetry
+
+    if options.bathymetry is not None:
+        return None if str(options.bathymetry) == "none" else read_bathymetry(options.bathymetry, box=box)
+    return read_bathymetry(bundled_path("new_jersey_bathymetry.nc"), box=box) if bundled else None
+
+
+def _read_water(options: Options, box) -> WaterProfile | None:
+    if not options.hydrography:
+        return None
+    from glider_jax.readers.hydrography import read_water_profile
+
+    return read_water_profile(list(options.hydrography), box=box)
+
+
+def prepare_run(options: Options, inputs: Inputs):
+    """Tabulate the inputs: the :class:`~glider_jax.mission.forecast.Run` from which members are flown."""
+    import jax.numpy as jnp
+
+    from glider_jax.mission.forecast import prepare
+    from glider_jax.mission.speeds import choose_speeds
+
+    if options.precision not in ("float32", "float64"):
+        raise ConfigError(f"--precision: expected float32 or float64, found '{options.precision}'.")
+    if options.precision == "float64":
+        import jax
+
+        jax.config.update("jax_enable_x64", True)
+    nodes, told = choose_speeds(
+        inputs.mission, inputs.vehicle, options.speed, kind=options.speed_kind,
+        has_currents=inputs.currents is not None, file=options.speeds,
+    )  # fmt: skip
+    run = prepare(
+        inputs.mission, inputs.vehicle, currents=inputs.currents, bathymetry=inputs.bathymetry, water=inputs.water,
+        speed=options.speed, speeds=nodes, duration=inputs.days * DAY, interval=options.interval, seed=options.seed,
+        spread=options.spread, start=inputs.start, start_position=options.start_position,
+        dtype=jnp.dtype(options.precision),
+    )  # fmt: skip
+    notes = [*inputs.notes, *run.notes, *told, *_source_notes(inputs)]
+    notes += [f"assumed for the vehicle: {text}" for text in inputs.vehicle.assumed]
+    notes += [f"not simulated: {text}" for text in inputs.mission.unsupported]
+    reserve = options.reserve if options.reserve is not None else inputs.vehicle.battery.reserve_fraction
+    settings = run.settings | {
+        "n": options.n, "speed_kind": options.speed_kind, "reserve_fraction": reserve,
+        "terms": list(run.model.ids), "unsupported": list(inputs.mission.unsupported),
+    }  # fmt: skip
+    return replace(run, notes=tuple(dict.fromkeys(notes)), settings=settings)
+
+
+def _source_notes(inputs: Inputs) -> list[str]:
+    notes = []
+    for label, record in (
+        ("currents", inputs.currents), ("bathymetry", inputs.bathymetry), ("hydrography", inputs.water),
+    ):  # fmt: skip
+        if record is not None and record.source is not None:
+            notes += [f"{label}: {text}" for text in record.source.notes]
+    grid = inputs.currents
+    if grid is not None and grid.filled > 0:
+        notes.append(f"currents: {100 * grid.filled:.0f} % of the values were filled ({grid.fill_method})")
+    return notes
+
+
+def run_ensemble(options: Options, out: Path | None, progress: Callable[[int], None] | None = None) -> Result:
+    """Forecast and write the products.
+
+    Parameters
+    ----------
+    out : folder of the products; None writes nothing.
+    progress : called with the number of members flown so far.
+
+    Returns
+    -------
+    The summary and the files written. Above ``STREAM_ABOVE`` members each chunk is written and summarised before the
+    next is flown, and the track returned is the first chunk alone.
+    """
+    from glider_jax.mission.forecast import fly_chunks, join
+    from glider_jax.products.measures import read_polygons
+    from glider_jax.products.netcdf import NetcdfWriter
+    from glider_jax.products.summary import SummaryAccumulator
+
+    inputs = read_inputs(options)
+    polygons = read_polygons(options.polygons) if options.polygons is not None else ()
+    run = prepare_run(options, inputs)
+    summary = SummaryAccumulator(polygons=polygons, reserve=options.reserve)
+    stream = options.n > STREAM_ABOVE
+    kept: list[Track] = []
+    files: dict[str, Path] = {}
+    writer = None
+    if out is not None and "nc" in options.outputs:
+        writer = NetcdfWriter(out / "forecast.nc", members=options.n)
+    done = 0
+    try:
+        for track in fly_chunks(options.n, run):
+            summary.add(track)
+            if writer is not None and stream:
+                writer.append(track)
+            if not stream or not kept:
+                kept.append(track)
+            done += track.n
+            if progress is not None:
+                progress(done)
+        whole = kept[0] if stream else join(kept)
+        if writer is not None:
+            if not stream:
+                writer.append(whole)
+            files["nc"] = writer.close(complete=True)
+    except BaseException as error:
+        if writer is not None:
+            if isinstance(error, KeyboardInterrupt | SystemExit):
+                writer.close(complete=False)
+            else:
+                writer.discard()
+        raise
+    result = summary.result()
+    if out is not None:
+        files |= write_products(whole, result, inputs, out, options.outputs)
+    return Result(result, files, whole)
+
+
+def write_products(track: Track, summary: dict[str, Any], inputs: Inputs, out: Path, outputs) -> dict[str, Path]:
+    """Write every product but the netCDF file and return their paths by kind."""
+    files = {}
+    if "json" in outputs:
+        files["json"] = write_text(out / "summary.json", json.dumps(summary, indent=1, allow_nan=False) + "\n")
+    if "geojson" in outputs:
+        from glider_jax.products.geojson import write_geojson
+
+        files["geojson"] = write_geojson(track, summary, out / "forecast.geojson")
+    if "kmz" in outputs:
+        from glider_jax.products.kml import write_kml
+
+        files["kmz"] = write_kml(track, summary, out / "forecast.kmz")
+    if "map" in outputs:
+        from glider_jax.products.maps import plot_map
+
+        files["map"] = plot_map(
+            track, out / "map.png", bathymetry=inputs.bathymetry, currents=inputs.currents, summary=summary
+        )
+    if "battery" in outputs:
+        from glider_jax.products.fan import plot_battery
+
+        files["battery"] = plot_battery(track, out / "battery.png", summary=summary)
+    return files
+
