@@ -2,8 +2,9 @@
 
 NumPy and scipy only, no JAX. The default is a membrane through the known values of all frames at once: it minimises
 the squared differences between neighbours in space and in time, each weighted by how alike neighbours are in this very
-record, plus a weak pull towards the frame's mean flow. A newcomer would get wrong: an isolated gap is known better
-from its neighbours in space, an hour's outage better from the hours around it; the weights settle which.
+record, plus a weak pull towards the frame's mean flow. Outages that time bridges far better than space are first
+filled linearly in time. A newcomer would get wrong: an isolated gap is known better from its neighbours in space, an
+hour's outage better from the hours around it; no fixed order of the two serves both.
 """
 
 from __future__ import annotations
@@ -48,8 +49,9 @@ def fill_gaps(
     Parameters
     ----------
     grid : currents with gaps.
-    method : ``membrane``: neighbours in space and time at once; ``staged``: first linear in time over gaps of up
-        to ``max_hours``, then a membrane in each frame.
+    method : ``membrane``: linear in time where that promises less than half the error variance of space, else
+        neighbours in space and time at once; ``staged``: always linear in time first, over gaps of up to
+        ``max_hours``, then a membrane in each frame.
     max_distance : m, how far from known values a gap is filled, at least two cells.
     max_hours : h, how far in time, at least one frame. Both count together: half the reach in space and half
         in time is within.
@@ -87,10 +89,11 @@ def fill_gaps(
 
 @dataclass(frozen=True)
 class _Reach:
-    """How far a run of frames may be filled, in steps of its own grid."""
+    """How far a run of frames may be filled, in steps of its own grid; ``clock`` its times in usual intervals."""
 
     cells: tuple[float, float]
     frames: float
+    clock: Array
 
     @staticmethod
     def of(grid: CurrentGrid, window: slice, max_distance: float, max_hours: float) -> _Reach:
@@ -99,8 +102,10 @@ class _Reach:
         north = METRES_PER_DEGREE * (np.median(np.diff(lat)) if lat.size > 1 else 1.0)
         scale = max(np.cos(np.radians(np.mean(lat))), 0.01)
         east = METRES_PER_DEGREE * scale * (np.median(np.diff(lon)) if lon.size > 1 else 1.0)
-        frames = max_hours * 3600.0 / float(np.median(np.diff(time))) if time.size > 1 else 1.0
-        return _Reach((max(max_distance / north, 2.0), max(max_distance / east, 2.0)), max(frames, 1.0))
+        usual = float(np.median(np.diff(time))) if time.size > 1 else 1.0
+        frames = max_hours * 3600.0 / usual if time.size > 1 else 1.0
+        cells = (max(max_distance / north, 2.0), max(max_distance / east, 2.0))
+        return _Reach(cells, max(frames, 1.0), (time - time[0]) / usual)
 
 
 def _known_errors(grid: CurrentGrid, default_sd: float | None) -> list[Array | None]:
@@ -169,11 +174,10 @@ def _fill_level(parts: list[Array], errors: list[Array | None], sea: Array | Non
             continue
         mean = _mean_flow(part)
         spread = float(np.var((part - mean)[known]))
-        if method == "staged":
-            _linear_in_time(part, target, reach.frames)
+        _linear_in_time(part, target, reach, unlike, spread, always=method == "staged")
         links = (0.0 if method == "staged" else 1.0 / unlike[0], 1.0 / unlike[1], 1.0 / unlike[2])
         screen = SCREEN * float(np.mean(reach.cells))
-        _relax(part, target & ~np.isfinite(part), mean, links, screen)
+        _relax(part, target & ~np.isfinite(part), mean, links, screen, reach.clock)
         if sd is not None:
             # In the metric of the neighbours' differences a cell is 1 and a frame as much as it differs more.
             far, nearest = distance_transform_edt(~known, sampling=unlike, return_indices=True)
@@ -226,24 +230,40 @@ def _mean_flow(part: Array) -> Array:
     return np.interp(np.arange(count.size), some, mean[some])[:, None, None]
 
 
-def _linear_in_time(part: Array, target: Array, frames: float) -> None:
-    """Fill targets between two known frames that are at most ``frames`` apart, linearly and in place."""
+def _linear_in_time(
+    part: Array, target: Array, reach: _Reach, unlike: _Unlikeness, spread: float, *, always: bool
+) -> None:
+    """Fill targets between two known frames within reach linearly, in place, where time is the better guide.
+
+    Between two frames the error variance expected is that of a bridge, a (n - a) / n frames' worth, and from space
+    that of the nearest known cell of the frame.
+    """
     known = np.isfinite(part)
-    index = np.arange(part.shape[0])[:, None, None]
+    count = part.shape[0]
+    index = np.arange(count)[:, None, None]
     before = np.maximum.accumulate(np.where(known, index, -1), axis=0)
-    after = np.minimum.accumulate(np.where(known, index, part.shape[0])[::-1], axis=0)[::-1]
-    todo = target & (before >= 0) & (after < part.shape[0]) & (after - before <= frames)
-    frame, j, i = np.nonzero(todo)
-    first, last = before[todo], after[todo]
-    share = (frame - first) / (last - first)
-    part[todo] = (1 - share) * part[first, j, i] + share * part[last, j, i]
+    after = np.minimum.accumulate(np.where(known, index, count)[::-1], axis=0)[::-1]
+    frame, j, i = np.nonzero(target & (before >= 0) & (after < count))
+    first, last = before[frame, j, i], after[frame, j, i]
+    clock = reach.clock
+    width, since = clock[last] - clock[first], clock[frame] - clock[first]
+    use = width <= reach.frames * (1.0 if always else 2.0)
+    if not always:
+        bridge = unlike.base * unlike[0] * since * (width - since) / np.maximum(width, 1e-9)
+        # Frames are put so far apart that the distance is to the nearest cell of the same frame.
+        far = distance_transform_edt(~known, sampling=(1e6, 1.0, 1.0))[frame, j, i]
+        use &= (2.0 * bridge < GROWTH * unlike.base * far) & (bridge < 0.5 * spread)
+    frame, j, i, first, last, share = (a[use] for a in (frame, j, i, first, last, since / np.maximum(width, 1e-9)))
+    part[frame, j, i] = (1 - share) * part[first, j, i] + share * part[last, j, i]
 
 
-def _relax(part: Array, target: Array, mean: Array, links: tuple[float, float, float], screen: float) -> None:
+def _relax(
+    part: Array, target: Array, mean: Array, links: tuple[float, float, float], screen: float, clock: Array
+) -> None:
     """Solve the screened membrane on the targets, in place.
 
     At every target: sum over neighbours of link * (u_neighbour - u) = (u - mean) / screen**2. Cells that are
-    neither known nor targets do not take part.
+    neither known nor targets do not take part. A link in time weakens with the interval.
     """
     todo = np.flatnonzero(target)
     if todo.size == 0:
@@ -261,15 +281,18 @@ def _relax(part: Array, target: Array, mean: Array, links: tuple[float, float, f
             continue
         low = np.take(cells, np.arange(part.shape[axis] - 1), axis=axis).ravel()
         high = np.take(cells, np.arange(1, part.shape[axis]), axis=axis).ravel()
+        strength = np.full(low.size, link)
+        if axis == 0:
+            strength = np.repeat(link / np.maximum(np.diff(clock), 1e-3), cells[0].size)
         for one, other in ((low, high), (high, low)):
             use = (number[one] >= 0) & taking[other]
-            row, neighbour = number[one[use]], other[use]
-            diagonal += np.bincount(row, minlength=todo.size) * link
+            row, neighbour, weight = number[one[use]], other[use], strength[use]
+            diagonal += np.bincount(row, weights=weight, minlength=todo.size)
             given = number[neighbour] < 0
-            right += np.bincount(row[given], weights=link * offset[neighbour[given]], minlength=todo.size)
+            right += np.bincount(row[given], weights=(weight * offset[neighbour])[given], minlength=todo.size)
             rows.append(row[~given])
             columns.append(number[neighbour[~given]])
-            values.append(np.full(int((~given).sum()), -link))
+            values.append(-weight[~given])
     shape = (todo.size, todo.size)
     matrix = diags_array(diagonal, format="csr")
     if rows:

@@ -128,6 +128,8 @@ def _decode(values: Array, units: str, calendar: str, where: str) -> tuple[Array
 
 def _dates(values: Array, units: str, calendar: str, where: str) -> Array:
     """Date objects of raw times, with a clear error where there are none."""
+    # A zone like -6:00, which the CF conventions show, would be ignored without its leading zero.
+    units = re.sub(r"(\d:\d\d(?::\d\d(?:\.\d+)?)?)\s*([+-])(\d(?::\d\d)?)$", r"\1 \g<2>0\3", units.strip())
     try:
         return np.atleast_1d(cftime.num2date(values, units, calendar=calendar))
     except (ValueError, OverflowError) as problem:
