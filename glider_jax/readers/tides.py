@@ -246,9 +246,9 @@ def add_tides(currents: CurrentGrid, tides: TidalGrid, *, time: Array | None = N
     ----------
     currents : the slow currents; between their times they are interpolated linearly.
     tides : constituents on any grid that overlaps; at sea points just outside the nearest tide is used.
-    time : (t,) times wanted, seconds since 1970, ascending; None for every ``step`` from first to last time of
-        ``currents``, or their own times where these are closer. Must be given for a field constant in time.
-    step : s, spacing of the frames, 3600 by default so that a semi-diurnal tide is resolved.
+    time : (t,) times wanted, seconds since 1970, ascending; None for evenly spaced ones from first to last time of
+        ``currents``, or their own times where these are closer. Must be given for a single frame.
+    step : s, largest spacing of the frames, 3600 by default so that a semi-diurnal tide is resolved.
 
     Returns
     -------
@@ -257,7 +257,7 @@ def add_tides(currents: CurrentGrid, tides: TidalGrid, *, time: Array | None = N
     Raises
     ------
     CoverageError : the tide reaches no sea point of ``currents``, or ``time`` leaves its period.
-    DataError : ``currents`` is constant in time and ``time`` is not given.
+    DataError : ``currents`` is a single frame and ``time`` is not given.
     """
     notes: list[str] = []
     wanted = _frames(currents, time, step, notes)
@@ -282,25 +282,30 @@ def add_tides(currents: CurrentGrid, tides: TidalGrid, *, time: Array | None = N
 
 
 def _frames(currents: CurrentGrid, time: Array | None, step: float, notes: list[str]) -> Array:
-    """Times of the sum."""
+    """Times of the sum; one frame of currents serves at any time, but its tide must not stand still."""
     first, last = currents.time[0], currents.time[-1]
+    single = currents.constant_in_time or currents.time.size == 1
     if time is not None:
         wanted = np.atleast_1d(np.asarray(time, float))
-        if not currents.constant_in_time and (wanted[0] < first or wanted[-1] > last):
+        if not single and (wanted[0] < first or wanted[-1] > last):
             raise CoverageError(
                 f"currents: expected times between {iso(wanted[0])} and {iso(wanted[-1])}, found {iso(first)} to "
                 f"{iso(last)}. Read more files or ask for a shorter period."
             )
+        if single:
+            notes.append("one frame of currents was used at every time; the tide was added to it.")
         return wanted
-    if currents.constant_in_time:
-        raise DataError("add_tides: expected times for currents that are constant in time, found none. Give time.")
-    if currents.time.size < 2 or np.median(np.diff(currents.time)) <= 1.01 * step:
-        if currents.time.size > 1:
-            notes.append("the currents are as frequent as the tide's frames: check that they hold no tide already.")
+    if single:
+        raise DataError(
+            "tides: expected currents at several times, or the times wanted, found one frame. "
+            "Give the times, or more files of currents."
+        )
+    if np.median(np.diff(currents.time)) <= 1.01 * step:
+        notes.append("the currents are as frequent as the tide's frames: check that they hold no tide already.")
         return currents.time
     count = int(np.ceil((last - first) / step - 1e-9))
-    notes.append(f"tide added; currents interpolated in time to frames {step:g} s apart.")
-    return np.append(first + step * np.arange(count), last)
+    notes.append(f"tide added; currents interpolated in time to frames {(last - first) / count:.0f} s apart.")
+    return np.linspace(first, last, count + 1)
 
 
 def _in_time(currents: CurrentGrid, values: Array, wanted: Array, tide: Array | float = 0.0) -> Array:

@@ -199,9 +199,14 @@ def test_frequent_and_constant_currents():
     found = add_tides(hourly, tides)
     np.testing.assert_array_equal(found.time, hourly.time)
     assert any("check that they hold no tide" in note for note in found.source.notes)
-    constant = replace(still_water(lon, lat, [START]), constant_in_time=True)
-    with pytest.raises(DataError, match="Give time"):
-        add_tides(constant, tides)
+    single = still_water(lon, lat, [START])
+    constant = replace(single, constant_in_time=True)
+    for one in (single, constant):
+        with pytest.raises(DataError, match="found one frame. Give the times"):
+            add_tides(one, tides)
+    assert add_tides(single, tides, time=START + np.array([0.0, 9e5])).time.size == 2
+    uneven = add_tides(still_water(lon, lat, START + np.array([0.0, 86400.0, 90100.0])), tides)
+    assert np.ptp(np.diff(uneven.time)) < 1e-6 and np.diff(uneven.time)[0] <= 3600.0
     spread = add_tides(constant, tides, time=START + 86400.0 * np.arange(30))
     assert spread.time.size == 30 and not spread.constant_in_time
     with pytest.raises(CoverageError, match="Read more files"):
