@@ -480,3 +480,17 @@ def test_real_seafloor(real, parts, deepest):
     found = read_roms_bathymetry(real(*parts))
     assert np.nanmax(found.depth) == pytest.approx(deepest, rel=0.05 if parts is DOPPIO else 1e-4)
     assert np.nanmin(found.depth) == -1.0
+
+
+@pytest.mark.parametrize("middle", [288.0, 180.0])
+def test_longitudes_are_continuous_whatever_the_file_counts(tmp_path, middle):
+    """0..360 becomes -180..180, except where that would tear the grid at the antimeridian."""
+    world = World(longitude=middle, angle=0.0)
+    path = world.write(tmp_path / "his.nc")
+    if middle == 180.0:
+        with netCDF4.Dataset(path, "a") as data:
+            lon = data["lon_rho"][:].filled()
+            data["lon_rho"][:] = np.where(lon > 180, lon - 360.0, lon)
+    found = read_roms_currents(path)
+    assert (np.diff(found.longitude) > 0).all() and np.ptp(found.longitude) < 3.0
+    assert found.longitude.mean() == pytest.approx(-72.0 if middle == 288.0 else 180.0, abs=1e-6)

@@ -146,6 +146,19 @@ def test_reference_time_from_each_place(tmp_path):
     assert read_tides(half, grid=grid).reference_time == START + 43200
 
 
+def test_sea_without_any_tide_is_unknown_and_not_still(tmp_path):
+    """Points where every ellipse is zero lie outside the tidal model: NaN and counted; land follows the mask."""
+    world = World(angle=0.0, land=(slice(0, 2), slice(None)))
+    path = write_tides(tmp_path / "t.nc", world)
+    with netCDF4.Dataset(path, "a") as data:
+        data["tide_Cmax"][:, 5, 3:7] = 0.0
+        data["tide_Cmin"][:, 5, 3:7] = 0.0
+    tides = read_tides(path, grid=world.write_grid(tmp_path / "grid.nc"))
+    assert np.isnan(tides.east[:, 5, 3:7]).all() and np.isnan(tides.east[:, :2]).all()
+    assert np.isfinite(tides.east).mean() == pytest.approx((22 * 30 - 4) / (24 * 30))
+    assert any("4 of 660 points at sea hold no tide" in note for note in tides.source.notes)
+
+
 def test_bad_tide_files_are_explained(tmp_path):
     """Missing ellipses and areas elsewhere."""
     world = World()
