@@ -36,9 +36,7 @@ def path(name: str) -> Path:
     """
     known = names()
     if name not in known:
-        raise DataError(
-            f"bundled data: expected one of {', '.join(known)}, found '{name}'.{did_you_mean(name, known)}"
-        )
+        raise DataError(f"bundled data: expected one of {', '.join(known)}, found '{name}'.{did_you_mean(name, known)}")
     return Path(str(resources.files(__name__))).joinpath(name)
 
 

@@ -173,9 +173,9 @@ def seafloor(latitude: Array, longitude: Array) -> Array:
 
     off_axis, along = distance(VALLEY, x, y)
     open_water = np.clip((depth - 15.0) / 15.0, 0.0, 1.0)  # the valley starts beyond 15 to 30 m; charts
-    depth = depth + open_water * VALLEY_RELIEF * np.sin(
-        np.pi * np.clip(along * 1.6, 0.0, 1.0)
-    ) ** 0.5 * np.exp(-((off_axis / VALLEY_WIDTH) ** 2))
+    depth = depth + open_water * VALLEY_RELIEF * np.sin(np.pi * np.clip(along * 1.6, 0.0, 1.0)) ** 0.5 * np.exp(
+        -((off_axis / VALLEY_WIDTH) ** 2)
+    )
     on_slope = 1.0 / (1.0 + np.exp(-edge / 5.0))
     depth = depth + on_slope * CANYON_RELIEF * np.exp(-((off_axis / CANYON_WIDTH) ** 2))
 
@@ -223,11 +223,7 @@ def inertial(hour: Array, latitude: Array, x: Array, y: Array, coast: Array) -> 
     for onset, speed, decay, phase in BURSTS:
         since = np.maximum(hour - onset, 0.0)
         size = speed * (1.0 - np.exp(-since / BURST_RISE)) * np.exp(-since / (24.0 * decay))
-        flow += (
-            size
-            * offshore
-            * np.exp(1j * (phase - rate * since + 2 * np.pi * (0.8 * x + 0.6 * y) / BURST_LENGTH))
-        )
+        flow += size * offshore * np.exp(1j * (phase - rate * since + 2 * np.pi * (0.8 * x + 0.6 * y) / BURST_LENGTH))
     return flow
 
 
@@ -268,13 +264,7 @@ def currents() -> tuple[Array, Array, Array, Array, Array]:
     hour = hours[:, None, None]
     mean = (MEAN_INNER + (MEAN_OUTER - MEAN_INNER) * np.clip(share, 0.0, 1.0)) * turn(DOWN_SHELF)
     mean = mean + MEAN_OFFSHORE * np.clip(coast / 20.0, 0.0, 1.0) * turn(DOWN_SHELF - 90.0)
-    flow = (
-        mean
-        + tide(hour, share)
-        + inertial(hour, lat, x, y, coast)
-        + storms(hour, share)
-        + eddies(hour, x, y, coast)
-    )
+    flow = mean + tide(hour, share) + inertial(hour, lat, x, y, coast) + storms(hour, share) + eddies(hour, x, y, coast)
     flow = np.where(coast > 0.0, flow, np.nan + 1j * np.nan)
     return hours, latitude, longitude, flow, ERROR_INNER + ERROR_RANGE * np.clip(coast / 200.0, 0.0, 1.0) ** 2
 

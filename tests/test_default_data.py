@@ -12,6 +12,8 @@ import xarray as xr
 from glider_jax_data import make_default
 
 from glider_jax.errors import DataError
+from glider_jax.readers.bathymetry import read_bathymetry
+from glider_jax.readers.currents import read_currents
 
 METRES = 111_200.0
 
@@ -156,3 +158,11 @@ def test_the_flow_has_no_divergence_on_the_scale_of_the_eddies():
     divergence = np.gradient(flow.real, 0.5, axis=1) + np.gradient(flow.imag, 0.5, axis=0)
     turning = np.gradient(flow.imag, 0.5, axis=1) - np.gradient(flow.real, 0.5, axis=0)
     assert np.abs(divergence[1:-1, 1:-1]).max() < 0.02 * np.abs(turning[1:-1, 1:-1]).max()
+
+
+def test_the_readers_take_both_files():
+    currents = read_currents(glider_jax_data.path(make_default.CURRENTS))
+    assert currents.east.shape == (make_default.HOURS, 1, 45, 49) and currents.time[0] == make_default.START_SECONDS
+    assert currents.east_sd is not None and 0.02 < np.nanmin(currents.east_sd) < 0.04
+    seafloor = read_bathymetry(glider_jax_data.path(make_default.BATHYMETRY))
+    assert seafloor.depth.max() > 2000.0 and seafloor.depth.min() == -30.0 and seafloor.source.notes == ()

@@ -273,9 +273,7 @@ def _mesh(area: Area, kind: str, linear: bool, frames: int = 1) -> tuple[Array, 
     return latitude, longitude, *np.meshgrid(x, y)
 
 
-def _currents(
-    area: Area, kind: str, time: Array, depth: Array, latitude: Array, longitude: Array, flow, steady: bool
-):
+def _currents(area: Area, kind: str, time: Array, depth: Array, latitude: Array, longitude: Array, flow, steady: bool):
     east, north = (np.ascontiguousarray(part) for part in flow)
     sd = None if area.error is None else np.full(east.shape, float(area.error))
     sea = np.ones(east.shape[-2:], bool)
@@ -345,9 +343,7 @@ def _split(what: str, kind: str, kinds: dict[str, Any], given: dict[str, Any]) -
 def _positive(where: str, **values: float) -> None:
     for name, value in values.items():
         if not value > 0.0:
-            raise ConfigError(
-                f"synthetic {where}: {name}: expected a number above zero, found {value:g}. Correct it."
-            )
+            raise ConfigError(f"synthetic {where}: {name}: expected a number above zero, found {value:g}. Correct it.")
 
 
 def _seconds(moment: float | str | datetime) -> float:

@@ -64,9 +64,7 @@ def read_bathymetry(
         if not (np.isfinite(box).all() and south < north and west < east):
             raise DataError(f"box: expected (south, north, west, east) in degrees, found {tuple(box)}.")
     if not path.is_file():
-        near = (
-            did_you_mean(path.name, (p.name for p in path.parent.glob("*"))) if path.parent.is_dir() else ""
-        )
+        near = did_you_mean(path.name, (p.name for p in path.parent.glob("*"))) if path.parent.is_dir() else ""
         raise DataError(f"{path}: expected a bathymetry file, found none there.{near} Check the path.")
     with open(path, "rb") as stream:
         head = stream.read(512)
@@ -170,9 +168,7 @@ def _other(way: str) -> str:
 def _check_names(names: Mapping[str, str], where: str) -> None:
     for key in names:
         if key not in KEYS:
-            raise DataError(
-                f"{where}: names: expected {', '.join(KEYS)}, found '{key}'.{did_you_mean(key, KEYS)}"
-            )
+            raise DataError(f"{where}: names: expected {', '.join(KEYS)}, found '{key}'.{did_you_mean(key, KEYS)}")
     if names.get("positive", "up") not in ("up", "down"):
         raise DataError(f"{where}: names['positive']: expected 'up' or 'down', found '{names['positive']}'.")
 
@@ -191,19 +187,13 @@ def _finish(raw: Raw, kind: str, path: Path, box: Box | None, names: Mapping[str
         )
     missing = int(np.isnan(values).sum())
     if missing:
-        raw.notes.append(
-            f"{missing} of {values.size} values are missing: land that was masked, or not surveyed."
-        )
+        raw.notes.append(f"{missing} of {values.size} values are missing: land that was masked, or not surveyed.")
     for axis in (raw.latitude, raw.longitude):
         if not (np.diff(axis) > 0).all():
-            raise DataError(
-                f"{where}: expected each latitude and longitude once, found some twice. Regrid the file."
-            )
+            raise DataError(f"{where}: expected each latitude and longitude once, found some twice. Regrid the file.")
     depth = -values if _positive(raw, values, where, names) == "up" else values
     if min(depth.shape) < 2:
-        raise DataError(
-            f"{where}: expected at least 2 x 2 values, found {depth.shape[0]} x {depth.shape[1]}."
-        )
+        raise DataError(f"{where}: expected at least 2 x 2 values, found {depth.shape[0]} x {depth.shape[1]}.")
     if box is not None:
         reach = (raw.latitude[0], raw.latitude[-1], raw.longitude[0], raw.longitude[-1])
         if any((reach[0] > box[0], reach[1] < box[1], reach[2] > box[2], reach[3] < box[3])):

@@ -106,10 +106,7 @@ def _read_netcdf(file: netCDF4.Dataset, where: str, box: Box | None, names: Mapp
 
 def _describe(raw: Raw, variable: netCDF4.Variable) -> Raw:
     """Add what the attributes of a variable say of its sign and unit."""
-    text = {
-        key: str(getattr(variable, key, "")).strip().lower()
-        for key in ("positive", "standard_name", "long_name")
-    }
+    text = {key: str(getattr(variable, key, "")).strip().lower() for key in ("positive", "standard_name", "long_name")}
     raw.name, raw.units = variable.name, str(getattr(variable, "units", "")).strip()
     standard = text["standard_name"]
     if text["positive"] in ("up", "down"):
@@ -120,15 +117,11 @@ def _describe(raw: Raw, variable: netCDF4.Variable) -> Raw:
         raw.declared = "up"
     known = (*UP_NAMES, *DOWN_NAMES)
     words = [w for w in known if len(w) > 3 and w in text["long_name"]]
-    raw.hint = next(
-        (n for n in (variable.name.lower(), standard, *words) if n in known), variable.name.lower()
-    )
+    raw.hint = next((n for n in (variable.name.lower(), standard, *words) if n in known), variable.name.lower())
     return raw
 
 
-def _axis(
-    file: netCDF4.Dataset, where: str, which: str, usual: tuple[str, ...], names: Mapping[str, str]
-) -> str:
+def _axis(file: netCDF4.Dataset, where: str, which: str, usual: tuple[str, ...], names: Mapping[str, str]) -> str:
     """Name of the coordinate variable, from the user, its standard name, its unit, or its own name."""
     if which in names:
         if names[which] not in file.variables:
@@ -138,9 +131,7 @@ def _axis(
             )
         return names[which]
     unit = "degrees_north" if which == "latitude" else "degrees_east"
-    found = [
-        v for v in file.variables.values() if v.ndim in (1, 2) and v.dtype != str and v.dtype.kind in "fiu"
-    ]
+    found = [v for v in file.variables.values() if v.ndim in (1, 2) and v.dtype != str and v.dtype.kind in "fiu"]
     for test in (
         lambda v: str(getattr(v, "standard_name", "")).strip().lower() == which,
         lambda v: str(getattr(v, "units", "")).strip().lower().replace("degree_", "degrees_") == unit,
@@ -224,9 +215,7 @@ def decode(variable: netCDF4.Variable, raw: Array) -> Array:
     """Unpack stored values to float64, with NaN for fills and values outside the valid range."""
     raw = np.asarray(raw)
     default = netCDF4.default_fillvals.get(raw.dtype.str[1:])
-    fills = [getattr(variable, key) for key in ("_FillValue", "missing_value") if hasattr(variable, key)] or [
-        default
-    ]
+    fills = [getattr(variable, key) for key in ("_FillValue", "missing_value") if hasattr(variable, key)] or [default]
     bad = np.zeros(raw.shape, bool)
     for fill in fills:
         if fill is not None:
@@ -252,9 +241,7 @@ def _read_gmt3(file: netCDF4.Dataset, where: str, box: Box | None) -> Raw:
         for (low, high), n in zip(edges, (nx, ny), strict=True)
     )
     if z.shape != (nx * ny,):
-        raise DataError(
-            f"{where}: variable 'z': expected {nx * ny} values, found {z.shape}. Get the file again."
-        )
+        raise DataError(f"{where}: variable 'z': expected {nx * ny} values, found {z.shape}. Get the file again.")
     check_degrees(latitude, longitude, where)
     (rows, lat), (columns, lon) = select_rows(latitude[::-1], box), select_columns(longitude, box)
     covered(rows, columns, latitude, longitude, box, where)
@@ -305,9 +292,7 @@ def select_rows(latitude: Array, box: Box | None) -> tuple[Array, Array]:
     return order, lat[order]
 
 
-def covered(
-    rows: Array, columns: Array, latitude: Array, longitude: Array, box: Box | None, where: str
-) -> None:
+def covered(rows: Array, columns: Array, latitude: Array, longitude: Array, box: Box | None, where: str) -> None:
     """Raise if too little of a grid lies inside the box."""
     if box is not None and (rows.size < 2 or columns.size < 2):
         raise CoverageError(

@@ -56,9 +56,7 @@ def kind_of(head: bytes, path: Path) -> str:
     if head.startswith((b"CDF\x01", b"CDF\x02", b"CDF\x05")):
         return "netcdf"
     if head.startswith(b"MATLAB 7.3"):
-        raise DataError(
-            f"{path.name}: expected a Matlab file up to version 7, found version 7.3. Save it with '-v7'."
-        )
+        raise DataError(f"{path.name}: expected a Matlab file up to version 7, found version 7.3. Save it with '-v7'.")
     if head.startswith(b"\x89HDF"):
         return "netcdf"
     if head.startswith(b"MATLAB"):
@@ -122,9 +120,7 @@ def _read_zip(path: Path, box: Box | None, names: Mapping[str, str]) -> Raw:
 
 def _read_matlab(content: bytes, where: str, box: Box | None, names: Mapping[str, str]) -> Raw:
     """Read longitudes, latitudes and depths, as vectors or as matrices, from a Matlab file."""
-    arrays = {
-        k: v.astype(float) for k, v in matlab_arrays(content, where).items() if v.size > 1 and v.ndim == 2
-    }
+    arrays = {k: v.astype(float) for k, v in matlab_arrays(content, where).items() if v.size > 1 and v.ndim == 2}
 
     def find(which: str, usual: tuple[str, ...], part: str) -> str:
         if which in names:
@@ -225,9 +221,7 @@ def _read_xyz(text: str, where: str, box: Box | None) -> Raw:
             "Give columns of numbers separated by comma or blanks."
         ) from problem
     if table.shape[0] < 4:
-        raise DataError(
-            f"{where}: expected rows of longitude, latitude and depth, found {table.shape[0]} rows."
-        )
+        raise DataError(f"{where}: expected rows of longitude, latitude and depth, found {table.shape[0]} rows.")
     raw = Raw(np.zeros(0), np.zeros(0), np.zeros(0))
     lon, lat, raw.name = _columns(table, header, raw)
     raw.hint = raw.name

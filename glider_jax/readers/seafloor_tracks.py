@@ -72,9 +72,7 @@ def grid_seafloor(
     if not spacing > 0.0:
         raise DataError(f"grid_seafloor: spacing: expected metres above zero, found {spacing:g}.")
     if correlation_length is not None and not correlation_length > 0.0:
-        raise DataError(
-            f"grid_seafloor: correlation_length: expected metres above zero, found {correlation_length:g}."
-        )
+        raise DataError(f"grid_seafloor: correlation_length: expected metres above zero, found {correlation_length:g}.")
     lat, lon, depth = _soundings(tracks)
     centre = (0.5 * (lat.min() + lat.max()), 0.5 * (lon.min() + lon.max()))
     east_degree = METRES * float(np.cos(np.radians(centre[0])))
@@ -89,9 +87,7 @@ def grid_seafloor(
         )
     known = np.zeros(len(mean_depth))
     if background is not None:
-        known = interpolate(
-            background, centre[0] + cells[:, 1] / METRES, centre[1] + cells[:, 0] / east_degree
-        )
+        known = interpolate(background, centre[0] + cells[:, 1] / METRES, centre[1] + cells[:, 0] / east_degree)
         outside = np.isnan(known)
         if outside.all():
             raise DataError(
@@ -106,9 +102,7 @@ def grid_seafloor(
         f"noise of a sounding {prior.noise:.2f} m."
     )
     reach = min(3.0 * prior.length, 20e3) if margin is None else margin
-    x, y = (
-        np.arange(cells[:, k].min() - reach, cells[:, k].max() + reach + spacing, spacing) for k in (0, 1)
-    )
+    x, y = (np.arange(cells[:, k].min() - reach, cells[:, k].max() + reach + spacing, spacing) for k in (0, 1))
     if x.size * y.size > LARGEST:
         raise DataError(
             f"grid_seafloor: expected at most {LARGEST:,} points, found {y.size} x {x.size}. Use a wider spacing."
@@ -187,9 +181,7 @@ def _track(recording: Recording) -> Sounding | str:
             return f"no {name}"
         # Soundings and positions come in different cycles.
         positions.append(
-            np.interp(
-                recording.time, recording.time[known], recording[name][known], left=np.nan, right=np.nan
-            )
+            np.interp(recording.time, recording.time[known], recording[name][known], left=np.nan, right=np.nan)
         )
     return positions[0], positions[1], depth
 
@@ -240,9 +232,7 @@ def interpolate(grid: BathymetryGrid, latitude: Array, longitude: Array) -> Arra
     return south * (1.0 - fy) + north * fy
 
 
-def map_soundings(
-    cells: Array, values: Array, spread: Array, target: Array, prior: _Prior
-) -> tuple[Array, Array]:
+def map_soundings(cells: Array, values: Array, spread: Array, target: Array, prior: _Prior) -> tuple[Array, Array]:
     """Estimate and 1-sigma error (m,) at ``target`` (m, 2) from ``values`` (n,) at ``cells`` (n, 2); all metres."""
     tree = cKDTree(cells)
     count = min(NEIGHBOURS, len(values))
@@ -314,11 +304,7 @@ def _fit_prior(cells: Array, values: Array, length: float | None, spacing: float
             variance = float((z - mean) @ cho_solve(factor, z - mean)) / max(len(z) - free_mean, 1)
             # A perfectly flat floor still has the noise of its soundings.
             variance = max(variance, 1e-6)
-            cost = (
-                len(z) * np.log(variance)
-                + 2.0 * np.log(np.diag(factor[0])).sum()
-                + free_mean * np.log(ones.sum())
-            )
+            cost = len(z) * np.log(variance) + 2.0 * np.log(np.diag(factor[0])).sum() + free_mean * np.log(ones.sum())
             if cost < best:
                 best = cost
                 noise = max(np.sqrt(share * variance), TIDE_AND_ALTIMETER)

@@ -78,9 +78,7 @@ def test_shelf_jet_has_its_speed_bearing_and_width():
 
 
 def test_tide_turns_clockwise_with_its_axes_and_phase():
-    grid = synthetic_currents(
-        "tide", major=0.12, minor=-0.05, inclination_deg=30.0, phase_deg=90.0, period=43200.0
-    )
+    grid = synthetic_currents("tide", major=0.12, minor=-0.05, inclination_deg=30.0, phase_deg=90.0, period=43200.0)
     flow = (grid.east + 1j * grid.north)[:, 0, 0, 0] * np.exp(-1j * np.radians(30.0))
     hours = (grid.time - grid.time[0]) / 3600.0
     np.testing.assert_allclose(flow.real, 0.12 * np.sin(2 * np.pi * hours / 12.0), atol=1e-12)
@@ -105,9 +103,7 @@ def test_inertial_period_and_decay(latitude, sense):
 
 
 def test_depth_shear_is_linear():
-    grid = synthetic_currents(
-        "depth_shear", depth=80.0, surface_east=0.3, bottom_east=-0.1, bottom_north=0.2, levels=5
-    )
+    grid = synthetic_currents("depth_shear", depth=80.0, surface_east=0.3, bottom_east=-0.1, bottom_north=0.2, levels=5)
     np.testing.assert_allclose(grid.depth, [0, 20, 40, 60, 80])
     np.testing.assert_allclose(grid.east[0, :, 3, 3], [0.3, 0.2, 0.1, 0.0, -0.1], atol=1e-12)
     np.testing.assert_allclose(grid.north[0, :, 3, 3], [0.0, 0.05, 0.1, 0.15, 0.2], atol=1e-12)
@@ -120,9 +116,7 @@ def test_seafloors():
     np.testing.assert_allclose(plane.depth, 60.0 + 1e-3 * metres(plane)[0], atol=0.3)
     assert plane.depth.min() < 0
     assert synthetic_bathymetry("sloping", depth=60.0, least=10.0).depth.min() == 10.0
-    cut = synthetic_bathymetry(
-        "canyon", depth=100.0, slope=0.0, bearing_deg=180.0, relief=250.0, half_width=5e3
-    )
+    cut = synthetic_bathymetry("canyon", depth=100.0, slope=0.0, bearing_deg=180.0, relief=250.0, half_width=5e3)
     x, _ = metres(cut)
     np.testing.assert_allclose(cut.depth, 100.0 + 250.0 * np.exp(-((x / 5e3) ** 2)), atol=0.5)
     edge = synthetic_bathymetry("shelf", bearing_deg=90.0)
@@ -132,20 +126,14 @@ def test_seafloors():
     assert np.interp(70e3, x[0], row) == pytest.approx(120.0 + 0.03 * 10e3, abs=10.0)
 
 
-@given(
-    east=st.floats(-1, 1), north=st.floats(-1, 1), rate=st.floats(-5e-6, 5e-6), spacing=st.floats(5e3, 1e5)
-)
+@given(east=st.floats(-1, 1), north=st.floats(-1, 1), rate=st.floats(-5e-6, 5e-6), spacing=st.floats(5e3, 1e5))
 @settings(max_examples=25, deadline=None)
 def test_linear_fields_do_not_depend_on_the_spacing(east, north, rate, spacing):
-    fine = synthetic_currents(
-        "gyre", rate=rate, east=east, north=north, width=2e5, height=1e5, spacing=spacing
-    )
+    fine = synthetic_currents("gyre", rate=rate, east=east, north=north, width=2e5, height=1e5, spacing=spacing)
     coarse = synthetic_currents("gyre", rate=rate, east=east, north=north, width=2e5, height=1e5)
     for name in ("east", "north"):
         a, b = getattr(fine, name)[0, 0], getattr(coarse, name)[0, 0]
-        np.testing.assert_allclose(
-            a[[0, 0, -1, -1], [0, -1, 0, -1]], b[[0, 0, -1, -1], [0, -1, 0, -1]], atol=1e-9
-        )
+        np.testing.assert_allclose(a[[0, 0, -1, -1], [0, -1, 0, -1]], b[[0, 0, -1, -1], [0, -1, 0, -1]], atol=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -292,9 +292,7 @@ def test_xyz_round_trip(tmp_path_factory, nlat, nlon, step, south, west, seed):
     lat, lon = south + step * np.arange(nlat), west + step * np.arange(nlon)
     up = -np.random.default_rng(seed).uniform(1.0, 900.0, (nlat, nlon)).round(1)
     path = tmp_path_factory.mktemp("xyz") / "a.xyz"
-    path.write_text(
-        "\n".join(f"{lon[i]:.6f} {lat[j]:.6f} {up[j, i]:.1f}" for j in range(nlat) for i in range(nlon))
-    )
+    path.write_text("\n".join(f"{lon[i]:.6f} {lat[j]:.6f} {up[j, i]:.1f}" for j in range(nlat) for i in range(nlon)))
     grid = read_bathymetry(path, names={"positive": "up"})
     np.testing.assert_allclose(grid.depth, -up, atol=1e-9)
     np.testing.assert_allclose(grid.latitude, lat, atol=2e-6)
@@ -369,9 +367,7 @@ def test_matlab_mesh_with_elevation_called_depth(tmp_path):
     savemat(tmp_path / "c.mat", {"lon": LON, "lat": LAT, "one": UP, "two": UP})
     with pytest.raises(DataError, match="one, two"):
         read_bathymetry(tmp_path / "c.mat")
-    assert (
-        read_bathymetry(tmp_path / "c.mat", names={"depth": "two", "positive": "up"}).depth.shape == UP.shape
-    )
+    assert read_bathymetry(tmp_path / "c.mat", names={"depth": "two", "positive": "up"}).depth.shape == UP.shape
 
 
 # -- joining -----------------------------------------------------------------------------------------------------
@@ -484,9 +480,7 @@ def test_several_candidates_are_listed(tmp_path):
         read_bathymetry(path)
 
 
-@pytest.mark.parametrize(
-    "file_format", ["NETCDF3_CLASSIC", "NETCDF3_64BIT_OFFSET", "NETCDF3_64BIT_DATA", "NETCDF4"]
-)
+@pytest.mark.parametrize("file_format", ["NETCDF3_CLASSIC", "NETCDF3_64BIT_OFFSET", "NETCDF3_64BIT_DATA", "NETCDF4"])
 def test_a_file_that_was_cut_off_never_reads_as_zeros(tmp_path, file_format):
     whole = write(tmp_path / "a.nc", file_format=file_format).read_bytes()
     np.testing.assert_allclose(read_bathymetry(tmp_path / "a.nc").depth, -UP)
@@ -573,9 +567,7 @@ def test_real_roms_and_matlab(real):
     grid = read_bathymetry(real("environment", "roms_coawst_sandy", "Sandy_roms_grid_child2.nc"))
     assert grid.longitude[0] < 0.0
     assert at(grid, 39.4, -73.0) == pytest.approx(62.0, abs=10.0)
-    east = read_bathymetry(
-        real("environment", "roms_coawst_sandy", "USeast_bathy.mat"), box=(38.5, 40.5, -75.0, -71.5)
-    )
+    east = read_bathymetry(real("environment", "roms_coawst_sandy", "USeast_bathy.mat"), box=(38.5, 40.5, -75.0, -71.5))
     assert at(east, 39.4, -73.0) == pytest.approx(62.0, abs=15.0) and at(east, 39.4, -72.0) > 500.0
 
 

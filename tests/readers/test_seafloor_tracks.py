@@ -173,22 +173,15 @@ def test_bad_arguments():
     ("name", "spacing", "margin", "largest_rms"),
     [("comet2019", 500.0, 20e3, 1.5), ("ru28_2017", 250.0, 5e3, 1.3)],
 )
-def test_real_soundings_that_were_held_out_lie_within_the_claimed_error(
-    real, name, spacing, margin, largest_rms
-):
+def test_real_soundings_that_were_held_out_lie_within_the_claimed_error(real, name, spacing, margin, largest_rms):
     """Leave out an eighth of the track at a time: better than its mean depth, and honest about how much."""
     with netCDF4.Dataset(real("recordings", name, f"{name}.nc")) as file:
-        get = {
-            v: np.ma.filled(file[v][:].astype(float), np.nan)
-            for v in ("time", "m_lat", "m_lon", "m_water_depth")
-        }
+        get = {v: np.ma.filled(file[v][:].astype(float), np.nan) for v in ("time", "m_lat", "m_lon", "m_water_depth")}
     known = np.isfinite(get["m_lat"]) & np.isfinite(get["m_lon"])
     lat, lon = (np.interp(get["time"], get["time"][known], get[v][known]) for v in ("m_lat", "m_lon"))
     sounded = get["m_water_depth"] > 0
     lat, lon, depth = lat[sounded], lon[sounded], get["m_water_depth"][sounded]
-    place_m = np.stack(
-        [(lon - lon[0]) * METRES * np.cos(np.radians(lat[0])), (lat - lat[0]) * METRES], axis=1
-    )
+    place_m = np.stack([(lon - lon[0]) * METRES * np.cos(np.radians(lat[0])), (lat - lat[0]) * METRES], axis=1)
     sound = screen_soundings(place_m, depth)
     assert sound.mean() > 0.99
     error, score, plain = [], [], []
@@ -198,9 +191,7 @@ def test_real_soundings_that_were_held_out_lie_within_the_claimed_error(
         grid = grid_seafloor([(lat[used], lon[used], depth[used])], spacing=spacing, margin=margin)
         block = block[sound[block]]
         noise = float(grid.source.notes[-1].rsplit("sounding ")[1].split(" m")[0])
-        sd = interpolate(
-            BathymetryGrid(grid.latitude, grid.longitude, grid.sd, grid.source), lat[block], lon[block]
-        )
+        sd = interpolate(BathymetryGrid(grid.latitude, grid.longitude, grid.sd, grid.source), lat[block], lon[block])
         error.append(depth[block] - interpolate(grid, lat[block], lon[block]))
         score.append(error[-1] / np.hypot(sd, noise))
         plain.append(depth[block] - depth[used].mean())
