@@ -198,7 +198,7 @@ def _check_start(mission, position, t0, currents, bathymetry):
                 f"{mission.name}: expected currents at the start, found none within three cells of {lat:.4f} N, "
                 f"{lon:.4f} E. Fill the gaps, or use another product."
             )
-        if not currents.constant_in_time and not currents.time[0] - 1 <= t0 <= currents.time[-1]:
+        if currents.time.size > 1 and not currents.constant_in_time and not currents.time[0] - 1 <= t0 <= currents.time[-1]:
             first, last, at = (f"{np.datetime64(int(t), 's')}Z" for t in (currents.time[0], currents.time[-1], t0))
             raise CoverageError(
                 f"{mission.name}: expected a start between {first} and {last}, the times of the currents, found {at}. "

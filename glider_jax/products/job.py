@@ -160,11 +160,12 @@ def _read_currents(options: Options, bundled: bool, box, period) -> CurrentGrid 
         from glider_jax.readers.tides import add_tides, read_tides, tidal_grid
 
         tides = read_tides(options.tides, grid=options.grid, box=box)
-        if grid is not None:
+        if grid is not None and not grid.constant_in_time and grid.time.size > 1:
             return add_tides(grid, tides)
         if period is None:
-            raise ConfigError("--tides: expected a start time or currents, found neither. Give --start.")
-        return tidal_grid(tides, np.arange(period[0], period[1] + 3600.0, 3600.0))
+            raise ConfigError("--tides: expected a start time or currents of several times, found neither. Give --start.")
+        hours = np.arange(period[0], period[1] + 3600.0, 3600.0)
+        return tidal_grid(tides, hours) if grid is None else add_tides(grid, tides, time=hours)
     return grid
 
 
@@ -181,7 +182,7 @@ def _read_water(options: Options, box) -> WaterProfile | None:
         return None
     from glider_jax.readers.hydrography import read_water_profile
 
-    return read_water_profile(list(options.hydrography), box=box)
+    return read_water_profile(list(options.hydrography), box=box, grid=options.grid)
 
 
 def prepare_run(options: Options, inputs: Inputs):
