@@ -5,15 +5,15 @@ from __future__ import annotations
 import hashlib
 import json
 
-import glider_jax_data
 import numpy as np
 import pytest
 import xarray as xr
-from glider_jax_data import make_default
 
+import glider_jax_data
 from glider_jax.errors import DataError
 from glider_jax.readers.bathymetry import read_bathymetry
 from glider_jax.readers.currents import read_currents
+from glider_jax_data import make_default
 
 METRES = 111_200.0
 

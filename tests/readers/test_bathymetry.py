@@ -3,55 +3,17 @@
 from __future__ import annotations
 
 import io
-import zipfile
 from pathlib import Path
 
 import netCDF4
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from scipy.io import loadmat, savemat
+from bathymetry_layouts import LAT, LON, UP, at, rows, write
+from scipy.io import savemat
 
 from glider_jax.errors import CoverageError, DataError, GliderJaxError
 from glider_jax.readers.bathymetry import merge_bathymetry, read_bathymetry
-from glider_jax.readers.matlab_numbers import matlab_arrays
 from glider_jax.records import BathymetryGrid, Source
-
-LAT = np.array([39.0, 39.5, 40.0, 40.5])
-LON = np.array([-74.0, -73.5, -73.0])
-# Elevation: land in the north-west, the deepest water in the south-east.
-UP = np.array([[-20.0, -60.0, -900.0], [-15.0, -50.0, -300.0], [5.0, -30.0, -90.0], [25.0, -10.0, -40.0]])
-
-
-def write(path, values=UP, *, name="z", lat=LAT, lon=LON, dims=("lat", "lon"), kind="f4", units="m",
-          lat_name="lat", lon_name="lon", lat_units="degrees_north", lon_units="degrees_east",
-          file_format="NETCDF4", fill=None, coordinates=None, attributes=None):  # fmt: skip
-    """A NetCDF grid with the layout asked for."""
-    with netCDF4.Dataset(path, "w", format=file_format) as file:
-        file.createDimension("lat", len(lat))
-        file.createDimension("lon", len(lon))
-        for axis, label, values_1d, unit in (
-            ("lat", lat_name, lat, lat_units),
-            ("lon", lon_name, lon, lon_units),
-        ):
-            variable = file.createVariable(label, "f8", (axis,))
-            if unit:
-                variable.units = unit
-            variable[:] = values_1d
-        variable = file.createVariable(name, kind, dims, fill_value=fill)
-        variable.set_auto_maskandscale(False)
-        if units:
-            variable.units = units
-        variable.setncatts(attributes or {})
-        variable[:] = np.asarray(values) if dims == ("lat", "lon") else np.asarray(values).T
-    return path
-
-
-def at(grid, lat, lon):
-    """Depth at the nearest node."""
-    return grid.depth[np.abs(grid.latitude - lat).argmin(), np.abs(grid.longitude - lon).argmin()]
-
 
 # -- layouts -----------------------------------------------------------------------------------------------------
 
@@ -221,153 +183,6 @@ def test_values_of_one_sign_are_water(tmp_path):
 def test_attributes_win_over_the_name(tmp_path):
     path = write(tmp_path / "a.nc", -UP, name="elevation", attributes={"positive": "down"})
     np.testing.assert_allclose(read_bathymetry(path).depth, -UP)
-
-
-# -- text, zip, Matlab -------------------------------------------------------------------------------------------
-
-
-def rows(separator, order="xyz", skip=(), up=UP, header="", fmt="{:.6f}"):
-    """XYZ text, north first, longitude fastest."""
-    lines = [header] if header else []
-    for j in reversed(range(LAT.size)):
-        for i in range(LON.size):
-            if (j, i) not in skip:
-                values = {"x": LON[i], "y": LAT[j], "z": up[j, i]}
-                lines.append(separator.join(fmt.format(values[k]) for k in order))
-    return "\n".join(lines) + "\n"
-
-
-@pytest.mark.parametrize("separator", [",", " ", "   ", "\t", ", ", ";"])
-def test_xyz_with_any_separator(tmp_path, separator):
-    path = tmp_path / "a.xyz"
-    path.write_text(rows(separator))
-    grid = read_bathymetry(path)
-    np.testing.assert_allclose(grid.depth, -UP)
-    np.testing.assert_allclose(grid.latitude, LAT)
-
-
-def test_xyz_headers_orders_and_units(tmp_path):
-    path = tmp_path / "a.csv"
-    path.write_text("latitude,longitude,topo\n" + "degrees_north,degrees_east,m\n" + rows(",", "yxz"))
-    np.testing.assert_allclose(read_bathymetry(path).depth, -UP)
-    path.write_text(rows(",", header="lon,lat,depth (m)", up=-UP))
-    np.testing.assert_allclose(read_bathymetry(path).depth, -UP)
-
-
-def test_xyz_latitude_first_is_told_by_its_range(tmp_path):
-    path = tmp_path / "a.xyz"
-    text = "\n".join(f"{39 + j} {-150 + i} {-100 - i - 10 * j}" for j in range(3) for i in range(4))
-    path.write_text(text)
-    grid = read_bathymetry(path)
-    assert grid.longitude[0] == -150.0 and at(grid, 41.0, -147.0) == 123.0
-
-
-def test_xyz_gaps_are_nan_even_where_a_whole_row_is_missing(tmp_path):
-    path = tmp_path / "a.xyz"
-    path.write_text(rows(",", skip={(1, 1)}))
-    grid = read_bathymetry(path)
-    assert np.isnan(at(grid, 39.5, -73.5)) and np.isnan(grid.depth).sum() == 1
-    assert any("1 of 12 cells" in note for note in grid.source.notes)
-    lines = [f"{-74 + 0.1 * i:.4f} {39 + 0.1 * j:.4f} -50" for j in range(9) if j != 4 for i in range(9)]
-    path.write_text("\n".join(lines))
-    grid = read_bathymetry(path)
-    assert grid.depth.shape == (9, 9) and np.isnan(grid.depth[4]).all() and np.isfinite(grid.depth[5]).all()
-
-
-def test_xyz_axis_of_rounded_thirds_is_even(tmp_path):
-    path = tmp_path / "a.xyz"
-    lon, lat = -75.0 + np.arange(200) / 15.0, 38.0 + np.arange(5) / 15.0
-    path.write_text("\n".join(f"{x:.6f} {y:.6f} -20" for y in lat for x in lon))
-    grid = read_bathymetry(path)
-    assert grid.depth.shape == (5, 200) and np.isfinite(grid.depth).all()
-    np.testing.assert_allclose(np.diff(grid.longitude), 1 / 15.0, atol=1e-7)
-
-
-@given(
-    nlat=st.integers(2, 7), nlon=st.integers(2, 7), step=st.sampled_from([1 / 60, 1 / 240, 1 / 15, 0.25]),
-    south=st.floats(-60, 60), west=st.floats(-170, 160), seed=st.integers(0, 1000),
-)  # fmt: skip
-@settings(max_examples=40, deadline=None)
-def test_xyz_round_trip(tmp_path_factory, nlat, nlon, step, south, west, seed):
-    lat, lon = south + step * np.arange(nlat), west + step * np.arange(nlon)
-    up = -np.random.default_rng(seed).uniform(1.0, 900.0, (nlat, nlon)).round(1)
-    path = tmp_path_factory.mktemp("xyz") / "a.xyz"
-    path.write_text("\n".join(f"{lon[i]:.6f} {lat[j]:.6f} {up[j, i]:.1f}" for j in range(nlat) for i in range(nlon)))
-    grid = read_bathymetry(path, names={"positive": "up"})
-    np.testing.assert_allclose(grid.depth, -up, atol=1e-9)
-    np.testing.assert_allclose(grid.latitude, lat, atol=2e-6)
-
-
-def test_zip_with_a_readme(tmp_path):
-    with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive:
-        archive.writestr("crm/readme.txt", "Depth in metres, as delivered.")
-        archive.writestr("crm/pr.xyz", rows("  "))
-    np.testing.assert_allclose(read_bathymetry(tmp_path / "a.zip").depth, -UP)
-    inner = write(tmp_path / "in.nc")
-    with zipfile.ZipFile(tmp_path / "b.zip", "w") as archive:
-        archive.writestr("grid.nc", inner.read_bytes())
-    np.testing.assert_allclose(read_bathymetry(tmp_path / "b.zip").depth, -UP)
-    with zipfile.ZipFile(tmp_path / "c.zip", "w") as archive:
-        archive.writestr("one.xyz", rows(","))
-        archive.writestr("two.xyz", rows(","))
-    with pytest.raises(DataError, match="one.xyz, two.xyz"):
-        read_bathymetry(tmp_path / "c.zip")
-
-
-def test_esri_grid_corner_and_centre(tmp_path):
-    body = "\n".join(" ".join(f"{v:g}" for v in row) for row in np.where(UP == 25.0, -9999.0, UP)[::-1])
-    head = "ncols 3\nnrows 4\n{}\n{}\ncellsize 0.5\nNODATA_value -9999\n"
-    expected = np.where(UP == 25.0, np.nan, -UP)
-    path = tmp_path / "a.asc"
-    path.write_text(head.format("xllcenter -74.0", "yllcenter 39.0") + body)
-    np.testing.assert_allclose(read_bathymetry(path).longitude, LON)
-    np.testing.assert_allclose(read_bathymetry(path).depth, expected)
-    path.write_text(head.format("xllcorner -74.25", "yllcorner 38.75") + body)
-    np.testing.assert_allclose(read_bathymetry(path).latitude, LAT)
-    path.write_text(head.format("xllcorner -74.25", "yllcorner 38.75") + body[: len(body) // 2])
-    with pytest.raises(DataError, match="3 x 4 values"):
-        read_bathymetry(path)
-    path.write_text(head.format("xllcorner 500000", "yllcorner 4300000") + body)
-    with pytest.raises(DataError, match="degrees"):
-        read_bathymetry(path)
-
-
-def test_matlab_numbers_agree_with_scipy(real):
-    path = real("environment", "roms_coawst_sandy", "USeast_bathy.mat")
-    ours, theirs = matlab_arrays(path.read_bytes(), path.name), loadmat(path)
-    for name in ("h_lon", "h_lat", "h_USeast"):
-        np.testing.assert_array_equal(ours[name], theirs[name])
-
-
-@pytest.mark.parametrize("compressed", [False, True])
-def test_matlab_numbers_of_every_kind(tmp_path, compressed):
-    given = {k: np.arange(6).reshape(2, 3).astype(k) for k in ("i1", "u2", "i4", "f4", "f8", "u8")}
-    given |= {
-        "one": np.array([[3.5]]),
-        "text": "words",
-        "cell": np.array([1, "a"], object),
-        "c": np.array([1j]),
-    }
-    savemat(tmp_path / "a.mat", given, do_compression=compressed)
-    found = matlab_arrays((tmp_path / "a.mat").read_bytes(), "a.mat")
-    assert set(found) == {"i1", "u2", "i4", "f4", "f8", "u8", "one"}
-    for name, values in found.items():
-        assert values.dtype == np.asarray(given[name]).dtype
-        np.testing.assert_array_equal(values, given[name])
-
-
-def test_matlab_mesh_with_elevation_called_depth(tmp_path):
-    lon, lat = np.meshgrid(LON, LAT)
-    savemat(tmp_path / "a.mat", {"loni": lon, "lati": lat, "depthi": UP.astype("i2")})
-    grid = read_bathymetry(tmp_path / "a.mat")
-    np.testing.assert_allclose(grid.depth, -UP)
-    assert any("mostly negative" in note for note in grid.source.notes)
-    savemat(tmp_path / "b.mat", {"lon": LON, "lat": LAT, "h": np.abs(UP).T})
-    np.testing.assert_allclose(read_bathymetry(tmp_path / "b.mat").depth, np.abs(UP))
-    savemat(tmp_path / "c.mat", {"lon": LON, "lat": LAT, "one": UP, "two": UP})
-    with pytest.raises(DataError, match="one, two"):
-        read_bathymetry(tmp_path / "c.mat")
-    assert read_bathymetry(tmp_path / "c.mat", names={"depth": "two", "positive": "up"}).depth.shape == UP.shape
 
 
 # -- joining -----------------------------------------------------------------------------------------------------
