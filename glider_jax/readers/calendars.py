@@ -7,6 +7,7 @@ value and the first hour is 0; and some files say "days" without since when.
 from __future__ import annotations
 
 import re
+import warnings
 from datetime import UTC, datetime
 
 import cftime
@@ -131,8 +132,10 @@ def _dates(values: Array, units: str, calendar: str, where: str) -> Array:
     # A zone like -6:00, which the CF conventions show, would be ignored without its leading zero.
     units = re.sub(r"(\d:\d\d(?::\d\d(?:\.\d+)?)?)\s*([+-])(\d(?::\d\d)?)$", r"\1 \g<2>0\3", units.strip())
     try:
-        return np.atleast_1d(cftime.num2date(values, units, calendar=calendar))
-    except (ValueError, OverflowError) as problem:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", cftime.CFWarning)
+            return np.atleast_1d(cftime.num2date(values, units, calendar=calendar))
+    except (ValueError, TypeError, OverflowError, cftime.CFWarning) as problem:
         raise DataError(
             f"{where}: expected times that are dates, found '{units}', calendar '{calendar}', with values "
             f"{values.min():g} to {values.max():g} ({problem}). Correct the time variable."

@@ -19,6 +19,7 @@ from glider_jax.errors import CoverageError, DataError, did_you_mean
 from glider_jax.readers.calendars import decode_time as decode_time
 from glider_jax.readers.calendars import epoch_seconds as epoch_seconds
 from glider_jax.readers.calendars import iso as iso
+from glider_jax.readers.classic_netcdf import check_whole
 from glider_jax.readers.curvilinear import CurvilinearWeights as CurvilinearWeights
 from glider_jax.readers.curvilinear import regrid_curvilinear as regrid_curvilinear
 from glider_jax.readers.curvilinear import regular_axes as regular_axes
@@ -40,6 +41,7 @@ DEPTH = (
     "st_ocean",
     "zlev",
     "elevation",
+    "deph",
 )
 TIME_NAMES = ("time", "ocean_time", "time_counter", "t", "mt", "date", "datetime")
 DEGREES_NORTH = ("degrees_north", "degree_north", "degree_n", "degrees_n", "degreen", "degreesn")
@@ -60,14 +62,16 @@ def open_netcdf(path: str | Path) -> Iterator[netCDF4.Dataset]:
         raise DataError(f"{path}: expected a NetCDF file, found nothing there.{near} Check the path.")
     if path.is_dir():
         raise DataError(f"{path}: expected a NetCDF file, found a folder. Name a file in it.")
+    # A classic file that was cut off reads as zeros, and a damaged header can crash the library.
+    check_whole(path)
     try:
         dataset = netCDF4.Dataset(path)
-    except (OSError, RuntimeError) as problem:
+    except (OSError, RuntimeError, UnicodeDecodeError) as problem:
         raise DataError(f"{path}: expected a NetCDF file, found {_looks_like(path)}. {_remedy(path)}") from problem
     try:
         dataset.set_auto_maskandscale(False)
         yield dataset
-    except (RuntimeError, IndexError) as problem:
+    except (OSError, RuntimeError, IndexError, UnicodeDecodeError) as problem:
         raise DataError(
             f"{path}: expected to read every value, found the file broken ({problem}). Fetch the file again."
         ) from problem
@@ -225,12 +229,26 @@ def unpack(variable: netCDF4.Variable, raw: Array) -> tuple[Array, int]:
     for fill in fill_values(variable):
         # Compare in the stored precision: -999.9 as float64 differs from the float32 in the file.
         gone |= values == float(np.asarray(fill).astype(raw.dtype)) if np.isfinite(fill) and _fits(fill, raw) else False
-    scale = float(attribute(variable, "scale_factor", 1.0))  # type: ignore[arg-type]
-    offset = float(attribute(variable, "add_offset", 0.0))  # type: ignore[arg-type]
+    scale, offset = _packing(variable)
     low, high = _valid_range(variable, kind, scale, offset)
     outside = ~gone & ((values < low) | (values > high))
-    values = np.where(gone | outside, np.nan, values) * scale + offset
+    with np.errstate(all="ignore"):
+        values = np.where(gone | outside, np.nan, values) * scale + offset
     return values, int(outside.sum())
+
+
+def _packing(variable: netCDF4.Variable) -> tuple[float, float]:
+    """Scale factor and offset of a variable, 1 and 0 where it has none."""
+    found = []
+    for name, default in (("scale_factor", 1.0), ("add_offset", 0.0)):
+        value = attribute(variable, name, default)
+        try:
+            found.append(float(np.asarray(value).reshape(-1)[0]))
+        except (ValueError, TypeError, IndexError) as problem:
+            raise DataError(
+                f"variable '{variable.name}': attribute {name}: expected a number, found {value!r}. Correct the file."
+            ) from problem
+    return found[0], found[1]
 
 
 def _fits(value: float, raw: Array) -> bool:
@@ -249,10 +267,10 @@ def _valid_range(variable: netCDF4.Variable, kind: np.dtype, scale: float, offse
     high = both[1] if len(both) == 2 else attribute(variable, "valid_max")
     limits = []
     for limit, default in ((low, -np.inf), (high, np.inf)):
-        if limit is None or isinstance(limit, str):
+        if limit is None or np.asarray(limit).dtype.kind not in "fiu" or np.size(limit) != 1 or np.isnan(limit):
             limits.append(default)
             continue
-        number = float(np.asarray(limit))
+        number = float(np.asarray(limit).reshape(()))
         if kind.kind in "iu" and np.asarray(limit).dtype.kind == "f" and (scale, offset) != (1.0, 0.0):
             number = (number - offset) / scale
         limits.append(number)
@@ -265,9 +283,9 @@ def read_coordinate(dataset: netCDF4.Dataset, name: str, where: str) -> Array:
     raw = np.asarray(variable[...])
     if raw.dtype.kind not in "fiu":
         raise DataError(f"{where}: coordinate '{name}': expected numbers, found {raw.dtype}. Name another variable.")
-    values = raw.astype(float)
-    scale = float(attribute(variable, "scale_factor", 1.0))  # type: ignore[arg-type]
-    return values * scale + float(attribute(variable, "add_offset", 0.0))  # type: ignore[arg-type]
+    scale, offset = _packing(variable)
+    with np.errstate(all="ignore"):
+        return raw.astype(float) * scale + offset
 
 
 def ascending(values: Array, where: str) -> tuple[Array, Array]:

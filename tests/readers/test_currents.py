@@ -223,6 +223,22 @@ def test_refusals_say_what_to_do(tmp_path):
         read_currents([])
 
 
+def test_a_classic_file_cut_off_is_refused_instead_of_read_as_still_water(tmp_path):
+    path = tmp_path / "classic.nc"
+    with netCDF4.Dataset(path, "w", format="NETCDF3_CLASSIC") as data:
+        layouts._time(data, [0.0], "hours since 2019-01-01")
+        layouts._coordinates(data, layouts.LAT, layouts.LON)
+        for name in ("uo", "vo"):
+            layouts._field(data, name, "f4", ("time", "lat", "lon"), 0.1, -9.0, units="m/s")
+    assert read_currents(path, fill=False).east == pytest.approx(0.1)
+    (tmp_path / "cut.nc").write_bytes(path.read_bytes()[:-300])
+    with pytest.raises(DataError, match="cut off"):
+        read_currents(tmp_path / "cut.nc")
+    (tmp_path / "damaged.nc").write_bytes(path.read_bytes()[:40] + b"\xff" * 40 + path.read_bytes()[80:])
+    with pytest.raises(DataError, match="damaged|cut off"):
+        read_currents(tmp_path / "damaged.nc")
+
+
 def test_refuses_a_wrong_order_of_dimensions(tmp_path):
     path = tmp_path / "order.nc"
     with netCDF4.Dataset(path, "w") as data:
