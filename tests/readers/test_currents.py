@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from datetime import UTC, datetime
 
-import layouts
 import netCDF4
 import numpy as np
 import pytest
 
 from glider_jax.errors import CoverageError, DataError
 from glider_jax.readers.currents import read_currents
+from tests import layouts
 
 WRITERS = {
     "maracoos_v1_hourly": (layouts.maracoos_v1_hourly, 1e-6, "MARACOOS"),

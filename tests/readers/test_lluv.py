@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from datetime import UTC, datetime
 
-import layouts
 import numpy as np
 import pytest
 
 from glider_jax.errors import CoverageError, DataError
 from glider_jax.readers.currents import read_currents
 from glider_jax.readers.lluv import read_totals
+from tests import layouts
 
 
 def test_totals_come_out_on_their_grid(tmp_path):
