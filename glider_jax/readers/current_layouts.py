@@ -51,6 +51,8 @@ PRODUCTS = (
     ("HYCOM", {"water_u", "water_v"}),
     ("GlobCurrent", {"eastward_eulerian_current_velocity"}),
 )
+RADARS = ("MARACOOS HF radar totals", "HFRNet RTV", "European HF radar totals")
+MODELS = ("Copernicus Marine", "HYCOM")
 ROMS_DIMENSIONS = {"s_rho", "sc_r", "xi_rho", "eta_rho", "xi_u", "eta_u", "xrho", "erho", "xu", "eu"}
 
 

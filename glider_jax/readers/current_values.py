@@ -118,7 +118,9 @@ def _errors(
         variable = dataset.variables[held[name]]
         return grids.unpack(variable, _raw(layout, variable, frames))[0]
 
-    if {"u_err", "v_err"} <= held.keys():
+    shares = ("u_err", "v_err")
+    plain = ("", "1", "none", "dimensionless")
+    if all(n in held and grids.text_attribute(dataset.variables[held[n]], "units") in plain for n in shares):
         ratios = [read("u_err"), read("v_err")]
         worst = np.fmax(*ratios) > WORST_ERROR
         _drop(east, north, worst, f"{where}: {{}} cells were dropped: u_err or v_err over {WORST_ERROR}.", notes)

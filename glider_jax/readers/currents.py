@@ -14,7 +14,7 @@ import numpy as np
 
 from glider_jax.errors import CoverageError, DataError, did_you_mean
 from glider_jax.readers import grids, lluv
-from glider_jax.readers.current_layouts import Layout, is_roms, survey
+from glider_jax.readers.current_layouts import MODELS, RADARS, Layout, is_roms, survey
 from glider_jax.readers.current_values import Frames, load
 from glider_jax.records import Array, CurrentGrid, Source
 
@@ -83,6 +83,8 @@ def read_currents(
     else:
         found = _read_grids(files, box, times, names)
     _check_values(found, files, box)
+    short = _shortfalls(found, box, times)
+    found = replace(found, source=replace(found.source, notes=found.source.notes + tuple(short)))
     if fill:
         from glider_jax.environment.gaps import fill_gaps
 
@@ -193,7 +195,7 @@ def _read_grids(
         longitude=first.longitude,
         **fields,
         source=Source(first.product, _digests([layout.path for layout in used]), tuple(notes)),
-        sea=_sea(fields["east"], measured=fields["east_sd"] is not None or "radar" in first.product),
+        sea=_sea(first, fields["east"], measured=fields["east_sd"] is not None or first.product in RADARS),
         constant_in_time=first.timeless,
     )
 
@@ -277,10 +279,38 @@ def _gaps_in_time(time: Array) -> list[str]:
     return [f"{missing} frames are missing; the longest gap is {steps.max() / 3600.0:.1f} h."]
 
 
-def _sea(east: Array, measured: bool) -> Array | None:
-    """Where the water is: cells with values at any time; None for radars, whose gaps are not land."""
+def _sea(layout: Layout, east: Array, measured: bool) -> Array | None:
+    """Where the water is: cells with values at any time; None for measurements, whose gaps are not land.
+
+    A product is taken for a measurement where it states errors, or where over 2 % of its cells come and go; a single
+    frame tells only where the product is known to be a model.
+    """
     known = np.isfinite(east)
-    return None if measured or not (known.all(axis=0) | ~known.any(axis=0)).all() else known.any(axis=(0, 1))
+    ever = known.any(axis=0)
+    model = layout.product in MODELS or layout.depth.size > 1
+    wavering = (ever & ~known.all(axis=0)).sum() > 0.02 * max(int(ever.sum()), 1)
+    if measured or (wavering and not model) or (known.shape[0] == 1 and not model):
+        return None
+    return known.any(axis=(0, 1))
+
+
+def _shortfalls(found: CurrentGrid, box: Box | None, period: tuple[float, float] | None) -> list[str]:
+    """Notes on the parts of the box and the period that the files do not cover."""
+    notes = []
+    if box is not None:
+        south, north = found.latitude[[0, -1]]
+        middle = 0.5 * (box[2] + box[3])
+        turn = 360.0 * round((middle - found.longitude.mean()) / 360.0)
+        west, east = found.longitude[[0, -1]] + turn
+        if south > box[0] + 1e-6 or north < box[1] - 1e-6 or west > box[2] + 1e-6 or east < box[3] - 1e-6:
+            notes.append(
+                f"the currents cover only {south:.3f} to {north:.3f} N, {west:.3f} to {east:.3f} E of the area."
+            )
+    if period is not None and not found.constant_in_time:
+        first, last = found.time[[0, -1]]
+        if first > period[0] + SAME_TIME or last < period[1] - SAME_TIME:
+            notes.append(f"the currents cover only {grids.iso(first)} to {grids.iso(last)} of the time.")
+    return notes
 
 
 def _check_values(found: CurrentGrid, files: Sequence[Path], box: Box | None) -> None:

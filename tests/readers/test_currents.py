@@ -138,6 +138,35 @@ def test_period_keeps_one_frame_on_either_side(tmp_path):
     agrees(grid, 1e-6)
 
 
+def test_what_is_covered_only_in_part_is_said(tmp_path):
+    path = layouts.maracoos_v1_aggregated(tmp_path / "a.nc")
+    grid = read_currents(path, box=(38.6, 39.5, -74.4, -74.2), period=("2019-01-01T02:00", "2019-01-02"), fill=False)
+    assert any("cover only 38.554 to 38.824 N" in note for note in grid.source.notes)
+    assert any("cover only 2019-01-01T01:00:00Z to 2019-01-01T05:00:00Z" in note for note in grid.source.notes)
+    inside = read_currents(path, box=(38.6, 38.7, 285.6, 285.8), period=("2019-01-01T02:00", "2019-01-01T03:00"))
+    assert not any("cover only" in note for note in inside.source.notes)
+
+
+def test_errors_in_velocity_units_are_not_taken_for_shares(tmp_path):
+    path = layouts.maracoos_v1_hourly(tmp_path / "a.nc")
+    _edit(path, lambda data: [data[name].setncattr("units", "cm/s") for name in ("u_err", "v_err")])
+    grid = read_currents(path, fill=False)
+    assert np.nanmax(grid.east_sd) == pytest.approx(0.0025)
+
+
+def test_land_is_told_from_gaps_that_come_and_go(tmp_path):
+    model = read_currents(layouts.hycom(tmp_path / "m.nc"), fill=False)
+    assert model.sea is not None and (~model.sea).sum() == 4
+    radar = layouts.globcurrent(tmp_path / "g.nc")
+
+    def spoil(data):
+        data["eastward_eulerian_current_velocity"][0, 1:4, 1] = -32768
+        for name in ("eastward", "northward"):
+            data.renameVariable(f"{name}_eulerian_current_velocity_error", name)
+
+    assert read_currents(_edit(radar, spoil), fill=False).sea is None
+
+
 def test_levels_ascend_downward_and_stay_empty_below_the_bottom(tmp_path):
     path = layouts.cmems(tmp_path / "c.nc")
     grid = read_currents(path, fill=False)
