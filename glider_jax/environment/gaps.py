@@ -59,7 +59,8 @@ def fill_gaps(
 
     Returns
     -------
-    The grid with gaps filled, ``filled`` the share of its values that were filled, ``fill_method`` how, and notes.
+    The grid with gaps filled, ``filled`` the share of its values that were filled (what persists downward not
+    counted), ``fill_method`` how, and notes.
     Where errors are stated, a filled value has the variance of its nearest known value plus 0.7 times the mean
     squared difference between neighbouring cells for every cell of distance, up to twice the variance about the mean.
 
@@ -76,7 +77,8 @@ def fill_gaps(
     east, north = np.array(grid.east, float), np.array(grid.north, float)
     sds = _known_errors(grid, default_sd)
     before = np.isfinite(east) & np.isfinite(north)
-    below = _persist_downward(grid, (east, north), sds)
+    _persist_downward(grid, (east, north), sds)
+    below = np.isfinite(east) & np.isfinite(north) & ~before
     for window in _runs(grid, max_hours):
         for level in range(grid.depth.size):
             reach = _Reach.of(grid, window, max_distance, max_hours)
@@ -130,14 +132,13 @@ def _runs(grid: CurrentGrid, max_hours: float) -> Iterator[slice]:
         yield slice(first, last)
 
 
-def _persist_downward(grid: CurrentGrid, fields: tuple[Array, Array], sds: list[Array | None]) -> int:
-    """Interpolate gaps between levels and repeat the deepest value below it, in place; return how many values.
+def _persist_downward(grid: CurrentGrid, fields: tuple[Array, Array], sds: list[Array | None]) -> None:
+    """Interpolate gaps between levels and repeat the deepest value below it, in place.
 
     The error of what is filled is that of the level above.
     """
     if grid.depth.size < 2:
-        return 0
-    start = np.isfinite(fields[0]).sum()
+        return
     for values, sd in zip(fields, sds, strict=True):
         known = np.isfinite(values)
         if known.all() or not known.any():
@@ -155,7 +156,6 @@ def _persist_downward(grid: CurrentGrid, fields: tuple[Array, Array], sds: list[
         values[todo] = (1 - share) * values[frame, top, j, i] + share * values[frame, low, j, i]
         if sd is not None:
             sd[todo] = sd[frame, top, j, i]
-    return int(np.isfinite(fields[0]).sum() - start)
 
 
 def _fill_level(parts: list[Array], errors: list[Array | None], sea: Array | None, reach: _Reach, method: str) -> None:
@@ -308,21 +308,21 @@ def _report(
     sds: list[Array | None],
     before: Array,
     known: Array,
-    below: int,
+    below: Array,
     method: str,
     max_distance: float,
     max_hours: float,
 ) -> CurrentGrid:
     """The filled grid with its share and notes."""
-    gained = int(known.sum() - before.sum())
-    total = int(known.sum())
+    gained = int((known & ~before & ~below).sum())
+    total = int((known & ~below).sum())
     share = gained / total if total else 0.0
     how = f"{METHODS[method]}, within {max_distance / 1e3:g} km and {max_hours:g} h of a known value"
     notes = []
     if gained:
         notes.append(f"gaps: {share:.1%} of the currents were filled: {how}.")
-    if below:
-        notes.append(f"gaps: {below} values below the deepest known level repeat the level above.")
+    if below.any():
+        notes.append(f"gaps: {below.mean():.1%} of the grid is below known levels and repeats the value above.")
     rest = int((~known).sum())
     if grid.sea is not None:
         rest = int((~known & np.asarray(grid.sea, bool)).sum())

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from glider_jax.errors import CoverageError, DataError, did_you_mean
-from glider_jax.readers.grids import cut, iso
+from glider_jax.readers.grids import cut
 from glider_jax.records import Array, CurrentGrid, Source
 
 NEEDED = ("LOND", "LATD", "VELU", "VELV")
@@ -232,7 +232,7 @@ def totals_grid(
     order = np.argsort(times, kind="stable")
     fields = {name: values[order][:, :, rows, columns] for name, values in fields.items()}
     known = np.isfinite(fields["east_sd"]).any()
-    notes.append(f"times {iso(times.min())} to {iso(times.max())} are the middle of each map's coverage.")
+    notes.append("times are the middle of what each map covers.")
     return CurrentGrid(
         time=times[order],
         depth=np.zeros(1),

@@ -129,7 +129,7 @@ def test_the_deepest_value_persists_and_inner_levels_are_interpolated():
     out = fill_gaps(make(gappy, depth=depth, sea=np.ones((5, 5), bool)))
     assert np.array_equal(out.east[:, 3, :2], east[:, 2, :2])
     assert np.allclose(out.east[:, 1, 3, 3], east[:, 0, 3, 3] * (2 / 3) + east[:, 2, 3, 3] / 3)
-    assert any("22 values below" in note or "values below the deepest" in note for note in out.source.notes)
+    assert any("below known levels and repeats" in note for note in out.source.notes) and out.filled == 0.0
 
 
 def test_errors_of_filled_values_grow_with_distance():

@@ -190,10 +190,11 @@ def test_levels_ascend_downward_and_stay_empty_below_the_bottom(tmp_path):
 def test_filling_reaches_the_gaps_and_reports(tmp_path):
     path = layouts.cmems(tmp_path / "c.nc")
     grid = read_currents(path)
-    assert np.isfinite(grid.east[:, :, grid.sea]).all() and grid.filled > 0
+    assert np.isfinite(grid.east[:, :, grid.sea]).all()
+    assert grid.filled == 0.0, "what persists below the bottom is no filled gap"
     assert np.array_equal(grid.east[:, 3, 2, 3], grid.east[:, 2, 2, 3]), "the deepest value persists"
     radar = read_currents(layouts.maracoos_v1_aggregated(tmp_path / "m.nc"))
-    assert radar.sea is None and np.isfinite(radar.east).all()
+    assert radar.sea is None and np.isfinite(radar.east).all() and 0.0 < radar.filled < 0.1
 
 
 def test_user_names_and_units(tmp_path):
