@@ -6,7 +6,7 @@ a GPS fix does; the antenna sits at the tail, so fixes go on coming while the de
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -132,6 +132,15 @@ def _crossing(time: Array, depth: Array, row: int, way: int, limit: float) -> fl
         here = there
     guess = time[here] + way * max(depth[here] - SHALLOW, 0.0) / TYPICAL_RATE
     return float(min(guess, limit) if way > 0 else max(guess, limit))
+
+
+def until(recording: Recording, moment: float) -> Recording:
+    """What had been recorded by a moment, s: what a forecast made then may look at."""
+    rows = recording.time <= moment
+    channels = {name: values[rows] for name, values in recording.channels.items()}
+    channels = {name: values for name, values in channels.items() if np.isfinite(values).any()}
+    starts = recording.segment_start[recording.segment_start <= moment]
+    return replace(recording, time=recording.time[rows], channels=channels, segment_start=starts)
 
 
 def surfacings(recording: Recording) -> list[Surfacing]:

@@ -408,7 +408,8 @@ def _convert(table: Table, sensor: str, spec: Channel, values: Array, nmea: bool
     """Values in the channel's SI unit, from the unit the file gives or the sensor's native one."""
     values = mend.blank_sentinels(values, sensor, tally)
     said = table.units.get(sensor, "")
-    unit, scale, offset = UNITS.get(said.strip().lower(), UNITS[spec.native_unit.lower()])
+    word = said.strip().lower()
+    unit, scale, offset = UNITS[spec.native_unit.lower() if word in ("1", "nodim") or word not in UNITS else word]
     if spec.unit == "deg":
         if nmea and sensor in spec.native:
             degrees = mend.nmea_to_degrees(values)

@@ -31,6 +31,7 @@ from glider_jax.readers.dives import inflections as inflections
 from glider_jax.readers.dives import phase as phase
 from glider_jax.readers.dives import sampling as sampling
 from glider_jax.readers.dives import surfacings as surfacings
+from glider_jax.readers.dives import until as until
 from glider_jax.records import Array, Recording
 
 #: m/s; a surfaced glider does not drift faster.

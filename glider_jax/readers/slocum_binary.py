@@ -131,8 +131,12 @@ def _open(path: Path, cache: Path | None) -> _File:
         listing = b"\n".join(lines[:-1]) + b"\n"
         text, start = "", at + len(listing)
         sensors = _sensors(listing.decode("latin-1"))
-    if len(sensors) != int(header["sensors_per_cycle"]):
-        raise _Damaged(f"damaged files left out|{len(sensors)} sensors listed, {header['sensors_per_cycle']} expected")
+    count, states = int(header["sensors_per_cycle"]), int(header["state_bytes_per_cycle"])
+    if len(sensors) != count or states != (count + 3) // 4:
+        detail = f"{len(sensors)} sensors listed, {count} in {states} state bytes expected"
+        raise _Damaged(f"damaged files left out|{detail}")
+    if len(body) < start + _KNOWN_CYCLE:
+        raise _Damaged("damaged files left out|nothing follows the header")
     return _File(path, header, body, start, sensors, crc, text, whole)
 
 
@@ -175,9 +179,11 @@ def _header(body: bytes) -> tuple[dict[str, str], int]:
             raise _Damaged("damaged files left out|the header is cut short")
         header[key.strip()] = value.strip()
         at = end + 1
-        if key == "num_ascii_tags" and not value.strip().isdigit():
+        if key.strip() == "num_ascii_tags" and not re.fullmatch(r"[0-9]{1,3}", value.strip()):
             raise _Damaged("damaged files left out|the header is garbled")
-    if not all(re.fullmatch(r"[0-9A-Fa-f]+", header.get(name, "")) for name in needed):
+    numbers = (name for name in needed if name != "sensor_list_crc")
+    whole = all(re.fullmatch(r"[0-9]{1,6}", header.get(name, "")) for name in numbers)
+    if not whole or not re.fullmatch(r"[0-9A-Fa-f]{1,8}", header.get("sensor_list_crc", "")):
         raise _Damaged("damaged files left out|the header is garbled")
     return header, at
 
@@ -210,7 +216,7 @@ def _sensors(text: str) -> list[tuple[str, int, str]]:
     found = []
     for line in text.splitlines():
         words = line.split()
-        if len(words) >= 7 and words[0] == "s:" and words[3] != "-1":
+        if len(words) >= 7 and words[0] == "s:" and words[3] != "-1" and words[4] in ("1", "2", "4", "8"):
             found.append((words[5], int(words[4]), words[6]))
     return found
 
