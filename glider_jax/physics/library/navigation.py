@@ -184,8 +184,11 @@ class AttackNeglected(AbstractTerm):
     """Part of the angle of attack is left out when speed is worked out from depth rate and pitch."""
 
     share: Scalar = parameter(
-        Normal(0.0, 0.5), unit="1", text="share of the effect that is missing", source="firmware leaves all of it out"
-    )  # fmt: skip
+        Normal(0.0, 0.5),
+        unit="1",
+        text="share by which speed moves to that along the pitch; -1 undoes a reckoning that left the angle out",
+        source="firmware leaves all of it out",
+    )
     steepness: Scalar = constant(
         0.05, unit="rad", text="angle below which the law is rounded off", source="numerical"
     )
