@@ -15,6 +15,8 @@ from glider_jax.records import Array, Recording
 
 #: m; deeper than this the glider is diving whatever its sensor's offset; shallower than that it may be at the surface.
 DEEP, SHALLOW = 5.0, 1.0
+#: s; by then a surfaced glider has its first fix.
+FIRST_FIX = 120.0
 #: s; a shorter excursion below DEEP is not a dive.
 SHORTEST_DIVE = 60.0
 #: s; longer holes in the depth record are reported as gaps.
@@ -69,7 +71,11 @@ def fixes(recording: Recording) -> tuple[Array, Array, Array]:
         time, depth = finite(recording, "depth")
         if time.size < 2:
             return np.empty(0), np.empty(0), np.empty(0)
-        good &= np.interp(recording.time, time, depth) < SHALLOW
+        wet = time[depth >= SHALLOW]
+        place = np.searchsorted(wet, recording.time, side="right")
+        since = recording.time - wet[np.clip(place - 1, 0, None)] if wet.size else np.full(good.size, np.inf)
+        # Until the first fix a surfaced glider still reports where it believes to be.
+        good &= (np.interp(recording.time, time, depth) < SHALLOW) & ((since >= FIRST_FIX) | (place == 0))
     return recording.time[good], recording[names[0]][good], recording[names[1]][good]
 
 

@@ -96,7 +96,8 @@ def simulate(
                 more |= {"m_gps_lat": lat, "m_gps_lon": lon, "m_gps_mag_var": variation, "m_gps_status": 0.0}
             if k == 140 and not first:
                 # The local frame's y axis points to magnetic north: turn the true vector clockwise by the variation.
-                turned = complex(*known) * np.exp(-1j * variation)
+                # A ten-thousandth more each time: equal values mean that nothing was computed anew.
+                turned = complex(*known) * (1.0 + 1e-4 * len(starts)) * np.exp(-1j * variation)
                 more |= {"m_final_water_vx": turned.real, "m_final_water_vy": turned.imag}
             row(0.0, **more)
             t += STEP
