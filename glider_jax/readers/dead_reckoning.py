@@ -237,12 +237,18 @@ def horizontal_velocity(
 
 
 def through_water(
-    recording: Recording, begin: float, end: float, variation: Variation, angle_of_attack: float | None = None
+    recording: Recording,
+    begin: float,
+    end: float,
+    variation: Variation,
+    angle_of_attack: float | None = None,
+    water_added: bool | None = None,
 ) -> Path:
     """Displacement through the water between two moments under water.
 
     Own dead reckoning where depth, pitch and heading cover four fifths of the time, scaled up for the rest; else the
-    firmware's positions less the water velocity it added; else nothing.
+    firmware's positions less the water velocity it added; else nothing. ``water_added`` says whether it did
+    (:func:`adds_water`), None finds out.
     """
     span = max(end - begin, 1.0)
     at = np.linspace(begin, end, max(int(span / 4.0), 8) + 1)
@@ -255,10 +261,12 @@ def through_water(
             east, north = rates[0][good], rates[1][good]
             length = float(np.hypot(east, north).mean() * span)
             return Path(float(east.mean() * span), float(north.mean() * span), length, "own", coverage)
-    return _firmware_path(recording, begin, end, variation)
+    return _firmware_path(recording, begin, end, variation, water_added)
 
 
-def _firmware_path(recording: Recording, begin: float, end: float, variation: Variation) -> Path:
+def _firmware_path(
+    recording: Recording, begin: float, end: float, variation: Variation, water_added: bool | None
+) -> Path:
     """Displacement of the firmware's dead-reckoned position, less its water velocity if it had added it."""
     nothing = Path(np.nan, np.nan, np.nan, "none", 0.0)
     if "latitude" not in recording or "longitude" not in recording:
@@ -273,7 +281,7 @@ def _firmware_path(recording: Recording, begin: float, end: float, variation: Va
         return nothing
     lat, lon = recording["latitude"], recording["longitude"]
     east, north = metres(lat[last], lon[last], (float(lat[first]), float(lon[first])))
-    if adds_water(recording):
+    if adds_water(recording) if water_added is None else water_added:
         when = recording.time[first : first + 1]
         x, y = _held(recording, when, "water_vx")[0], _held(recording, when, "water_vy")[0]
         water = to_true(x, y, variation.value)

@@ -149,6 +149,12 @@ def until(recording: Recording, moment: float) -> Recording:
     return replace(recording, time=recording.time[rows], channels=channels, segment_start=starts)
 
 
+def between(recording: Recording, low: float, high: float) -> Recording:
+    """The rows from ``low`` to ``high`` s, as views: what is asked of one segment need not look at all the others."""
+    rows = slice(*np.searchsorted(recording.time, (low, high)))
+    return replace(recording, time=recording.time[rows], channels={k: v[rows] for k, v in recording.channels.items()})
+
+
 def surfacings(recording: Recording) -> list[Surfacing]:
     """Stays at the surface between dives, with their GPS fixes; before the first dive and after the last too."""
     spans = underwater(recording)

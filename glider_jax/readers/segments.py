@@ -16,6 +16,7 @@ from glider_jax.readers.dead_reckoning import (
     SHALLOWEST_PITCH,
     Path,
     Variation,
+    adds_water,
     finite,
     magnetic_variation,
     metres,
@@ -23,7 +24,7 @@ from glider_jax.readers.dead_reckoning import (
     through_water,
     to_true,
 )
-from glider_jax.readers.dives import ASCENT, DESCENT, LONGEST_HOLE, Leg, fixes, legs, underwater
+from glider_jax.readers.dives import ASCENT, DESCENT, LONGEST_HOLE, Leg, between, fixes, legs, underwater
 from glider_jax.readers.dives import Inflection as Inflection
 from glider_jax.readers.dives import Surfacing as Surfacing
 from glider_jax.readers.dives import gaps as gaps
@@ -128,6 +129,7 @@ def dive_segments(
         return []
     turn = magnetic_variation(recording, variation)
     ways = legs(recording)
+    added = adds_water(recording)
     after = np.searchsorted(time, spans[:, 1] - 1e-6)
     found = []
     for slot in np.unique(after):
@@ -138,35 +140,39 @@ def dive_segments(
         before = int(np.searchsorted(time, begin + 1e-6)) - 1
         if before < 0:
             continue
-        following = spans[spans[:, 0] > end]
-        until = float(following[0, 0]) if following.size else np.inf
-        found.append(
-            _segment(
-                recording, (time, latitude, longitude), before, int(slot), mine, until, ways, turn, angle_of_attack
-            )
+        following, earlier = spans[spans[:, 0] > end], spans[spans[:, 1] < begin]
+        around = (
+            float(earlier[-1, 1]) if earlier.size else -np.inf,
+            float(following[0, 0]) if following.size else np.inf,
         )
+        near = between(recording, time[before] - 86400.0, time[slot] + 4 * 3600.0)
+        seen = slice(*np.searchsorted(time, (time[before] - 3600.0, time[slot] + 3600.0)))
+        fix = (time[seen], latitude[seen], longitude[seen])
+        pair = (before - seen.start, int(slot) - seen.start)
+        found.append(_segment(near, fix, pair, mine, around, ways, turn, angle_of_attack, added))
     return found
 
 
 def _segment(
     recording: Recording,
     fix: tuple[Array, Array, Array],
-    before: int,
-    after: int,
+    pair: tuple[int, int],
     spans: Array,
-    until: float,
+    around: tuple[float, float],
     ways: list[Leg],
     turn: Variation,
     attack: float | None,
+    added: bool,
 ) -> Segment:
-    """Everything about one segment; ``before`` and ``after`` index its two fixes, ``until`` is the next dive."""
+    """Everything about one segment: ``pair`` indexes its two fixes, the glider was at the surface ``around`` it."""
     time, latitude, longitude = fix
+    (before, after), (since, until) = pair, around
     begin, end = float(spans[0, 0]), float(spans[-1, 1])
     origin = (float(latitude[before]), float(longitude[before]))
     east, north = metres(latitude, longitude, origin)
-    paths = [through_water(recording, float(a), float(b), turn, attack) for a, b in spans]
+    paths = [through_water(recording, float(a), float(b), turn, attack, added) for a, b in spans]
     through = sum(p.east for p in paths) + 1j * sum(p.north for p in paths)
-    earlier = (time <= begin) & (time > time[before] - 1800.0)
+    earlier = (time <= begin) & (time > max(since, time[before] - 1800.0))
     later = (time >= end) & (time < min(until, time[after] + 1800.0))
     drift, after_drift = _drift(time, east, north, earlier), _drift(time, east, north, later)
     moved = complex(east[after], north[after])
