@@ -257,6 +257,7 @@ def read_recording(
     tables = sorted((t for t in tables if t.time.size), key=lambda t: (t.stream == "science", t.time[0]))
     if not tables:
         raise DataError(f"{where}: expected rows with times, found none.{_why(tally)} Give other files.")
+    _one_glider(tables, where)
     return _assemble(tables, tally, notes, name or _name(given[0]), files)
 
 
@@ -304,6 +305,16 @@ def natural_order(path: Path) -> list[tuple[int, int, str]]:
     """Sort key under which segment 2 comes before segment 10."""
     parts = re.findall(r"\d+|\D+", path.name.lower())
     return [(0, int(p), "") if p.isdigit() else (1, 0, p) for p in parts]
+
+
+def _one_glider(tables: list[Table], where: str) -> None:
+    """Refuse files of several gliders, which their full names (glider-year-day-mission-segment) give away."""
+    names = (re.match(r"(.+?)-\d{4}-\d{1,3}-\d+-\d+", s) for t in tables for s in t.segments)
+    gliders = sorted({found[1].lower() for found in names if found})
+    if len(gliders) > 1:
+        raise DataError(
+            f"{where}: expected the files of one glider, found those of {', '.join(gliders)}. Give one at a time."
+        )
 
 
 def _name(path: Path) -> str:

@@ -213,6 +213,13 @@ def test_the_fullest_readable_copy_of_a_segment_is_taken(tmp_path):
     assert read_recording(tmp_path).time.size == 5
 
 
+def test_files_of_two_gliders_are_not_one_recording(tmp_path):
+    write(tmp_path, "a.sbd", *binary(flight(5), name="maria-997-2022-164-7-0"))
+    write(tmp_path, "b.sbd", *binary(flight(5, begin=START + 100.0), name="unit_887-2021-321-3-0"))
+    with pytest.raises(DataError, match="expected the files of one glider, found those of maria-997, unit_887"):
+        read_recording(tmp_path)
+
+
 def test_without_the_extra_the_message_says_how_to_get_it(tmp_path, monkeypatch):
     write(tmp_path, "a.sbd", *binary(flight(5)))
     monkeypatch.setitem(sys.modules, "dbdreader", None)
