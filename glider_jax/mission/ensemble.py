@@ -14,15 +14,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh, PartitionSpec
+from scipy.special import ndtri
 
 from glider_jax.config import Vehicle
 from glider_jax.errors import ConfigError, Outcome
 from glider_jax.mission.legs import TabulatedLegs, tabulate
 from glider_jax.mission.plan import Plan, Shape
-from glider_jax.mission.randoms import START_STREAM, key_words, normals
+from glider_jax.mission.randoms import START_STREAM, normals
 from glider_jax.mission.step import Environment, Log, Member, State, Sums, next_due, sample_speed, step
-from glider_jax.physics.model import FlightModel, draw
-from glider_jax.physics.perturb import log_normal, standard_normal
+from glider_jax.physics.model import draw_batch
+from glider_jax.physics.perturb import log_normal, purpose
 from glider_jax.physics.term import Sample
 
 
@@ -53,42 +54,55 @@ class Output(NamedTuple):
     left_before: Log
 
 
-def member_keys(seed: int, first: int, count: int):
-    """One key per member, of the seed and the member's number."""
-    root = jax.random.key(seed)
-    return jax.vmap(lambda i: jax.random.fold_in(root, i))(jnp.arange(first, first + count))
+def host_normals(seed: int, first: int, count: int):
+    """A function of a name: (count,) standard normal numbers of the members numbered from ``first``.
+
+    Philox counts by member under a key of seed and name, so a member's numbers depend on nothing else.
+    """
+
+    def normal(name: str) -> np.ndarray:
+        return ndtri(((_raw(seed, first, count, name)[0] >> np.uint64(11)).astype(float) + 0.5) * 2.0**-53)
+
+    return normal
 
 
-def draw_members(model: FlightModel, vehicle: Vehicle, devices, spread: float, keys, dtype) -> Member:
-    """Draw every member's physics and errors from the vehicle's uncertainties; energy limits are set later.
+def _raw(seed, first, count, name):
+    """Two 64-bit words for each member: one counter of four words is one member's."""
+    stream = np.random.Philox(key=np.array([seed % 2**64, purpose(name)], np.uint64))
+    stream.advance(first)
+    words = stream.random_raw(4 * count).reshape(count, 4)
+    return words[:, 0], words[:, 1]
+
+
+def draw_members(model, vehicle: Vehicle, devices, spread: float, seed: int, first: int, count: int, dtype) -> Member:
+    """Draw every member's physics and errors from the vehicle's uncertainties, on the host; limits are set later.
 
     ``devices`` has ``power`` (groups, 3), ``joules_per_surfacing`` and ``joules_per_inflection`` (groups,).
     ``spread`` scales every perturbation; 0 gives identical members.
     """
+    normal = host_normals(seed, first, count)
 
-    def one(key):
-        def normal(name):
-            return standard_normal(key, name, dtype)
+    def factor(name):
+        return log_normal(np.ones(()), spread * vehicle.value(name), normal(name), np).astype(dtype)
 
-        def factor(name):
-            return log_normal(jnp.asarray(1.0, dtype), spread * vehicle.value(name), normal(name))
+    def same(value, kind=dtype):
+        return np.full(count, value, kind)
 
-        heading = spread * vehicle.value("perturbation.heading") * normal("perturbation.heading")
-        return Member(
-            key=key_words(key),
-            model=draw(model, vehicle, key, spread),
-            heading=heading,
-            turn=(jnp.cos(heading), jnp.sin(heading)),
-            stay=factor("perturbation.surface_stay"),
-            speed=factor("perturbation.speed"),
-            power=tuple(jnp.asarray(watts, dtype) for watts in np.sum(devices.power, axis=0)),
-            per_surfacing=jnp.asarray(np.sum(devices.joules_per_surfacing), dtype),
-            per_inflection=jnp.asarray(np.sum(devices.joules_per_inflection), dtype),
-            energy_limit=jnp.asarray(np.inf, dtype),
-            limit_code=jnp.asarray(int(Outcome.BATTERY_EMPTY), jnp.int32),
-        )
-
-    return jax.vmap(one)(keys)
+    heading = spread * vehicle.value("perturbation.heading") * normal("perturbation.heading")
+    word = _raw(seed, first, count, "steps")[0]
+    return Member(
+        key=((word >> np.uint64(32)).astype(np.uint32), (word & np.uint64(0xFFFFFFFF)).astype(np.uint32)),
+        model=draw_batch(model, vehicle, normal, count, spread),
+        heading=heading.astype(dtype),
+        turn=(np.cos(heading).astype(dtype), np.sin(heading).astype(dtype)),
+        stay=factor("perturbation.surface_stay"),
+        speed=factor("perturbation.speed"),
+        power=tuple(same(watts) for watts in np.sum(np.asarray(devices.power, float), axis=0)),
+        per_surfacing=same(np.sum(np.asarray(devices.joules_per_surfacing, float))),
+        per_inflection=same(np.sum(np.asarray(devices.joules_per_inflection, float))),
+        energy_limit=same(np.inf),
+        limit_code=same(int(Outcome.BATTERY_EMPTY), np.int32),
+    )
 
 
 def initial_state(plan: Plan, shape: Shape, env: Environment, member: Member, east, north, spread: float, sd: float):
@@ -235,7 +249,7 @@ def run_members(members, plan, shape, env, column, east, north, *, spread=1.0, f
     use = devices if count >= 2 * len(devices) else devices[:1]
     pad = -count % len(use)
     if pad:
-        members = jax.tree.map(lambda a: jnp.concatenate([a, a[:pad]]), members)
+        members = jax.tree.map(lambda a: np.concatenate([a, a[:pad]]), members)
     mesh = Mesh(np.array(use), ("members",)) if len(use) > 1 else None
     number = partial(jnp.asarray, dtype=plan.dive_to.dtype)
     state, outputs = _compiled(

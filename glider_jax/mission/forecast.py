@@ -19,11 +19,11 @@ from glider_jax.environment.fields import flat_bottom, make_bathymetry, make_cur
 from glider_jax.environment.frame import Frame
 from glider_jax.errors import ConfigError, CoverageError, Outcome
 from glider_jax.mission.battery import battery_state, energy_limits, mean_voltage
-from glider_jax.mission.ensemble import Column, Output, draw_members, member_keys, run_members
+from glider_jax.mission.ensemble import Column, Output, draw_members, host_normals, run_members
 from glider_jax.mission.plan import Plan, Shape, legs_of, make_plan
 from glider_jax.mission.step import Environment, Member, State
 from glider_jax.mission.water import make_column
-from glider_jax.physics.battery import build_pack, draw_pack
+from glider_jax.physics.battery import draw_usable_charge
 from glider_jax.physics.devices import build_devices
 from glider_jax.physics.model import build_model, parameters
 from glider_jax.records import BathymetryGrid, CurrentGrid, Track, WaterProfile
@@ -198,7 +198,8 @@ def _check_start(mission, position, t0, currents, bathymetry):
                 f"{mission.name}: expected currents at the start, found none within three cells of {lat:.4f} N, "
                 f"{lon:.4f} E. Fill the gaps, or use another product."
             )
-        if currents.time.size > 1 and not currents.constant_in_time and not currents.time[0] - 1 <= t0 <= currents.time[-1]:
+        varies = currents.time.size > 1 and not currents.constant_in_time
+        if varies and not currents.time[0] - 1 <= t0 <= currents.time[-1]:
             first, last, at = (f"{np.datetime64(int(t), 's')}Z" for t in (currents.time[0], currents.time[-1], t0))
             raise CoverageError(
                 f"{mission.name}: expected a start between {first} and {last}, the times of the currents, found {at}. "
@@ -220,10 +221,9 @@ def fly_chunks(n: int, run: Run, *, first: int = 0, chunk: int = CHUNK) -> Itera
     """
     if n < 1:
         raise ConfigError(f"--n: expected at least 1 member, found {n}.")
-    pack = build_pack(run.vehicle.battery, dtype=run.plan.interval.dtype)
     for begin in range(first, first + n, chunk):
         count = min(chunk, first + n - begin)
-        members, available = _draw(run, pack, begin, count)
+        members, available = _draw(run, begin, count)
         sd = run.vehicle.value("perturbation.initial_position")
         state, outputs = run_members(
             members, run.plan, run.shape, run.environment, run.column, 0.0, 0.0, spread=run.spread, fix_sd=sd
@@ -231,26 +231,16 @@ def fly_chunks(n: int, run: Run, *, first: int = 0, chunk: int = CHUNK) -> Itera
         yield _track(run, members, available, state, outputs)
 
 
-def _draw(run: Run, pack, begin: int, count: int):
-    dtype = run.plan.interval.dtype
-    keys = member_keys(run.seed, begin, count)
-    spread = run.spread
-
-    @jax.jit
-    def draws(keys):
-        members = draw_members(run.model, run.vehicle, run.devices, spread, keys, dtype)
-        packs = jax.vmap(lambda k: draw_pack(pack, run.vehicle.battery, k, spread))(keys)
-        temperature = jnp.asarray(run.water_temperature, dtype)
-        return members, jax.vmap(lambda p: p.usable_charge(temperature))(packs)
-
-    members, charge = draws(keys)
+def _draw(run: Run, begin: int, count: int):
+    """Members and the energy (J) that each one's pack holds."""
+    dtype = np.dtype(run.plan.interval.dtype)
+    members = draw_members(run.model, run.vehicle, run.devices, run.spread, run.seed, begin, count, dtype)
+    battery = run.vehicle.battery
+    charge = draw_usable_charge(battery, run.water_temperature, host_normals(run.seed, begin, count), run.spread)
     # Rated energies are quoted at a nominal voltage; what can be drawn is the charge at the curve's voltage.
-    available = np.asarray(charge, float) * mean_voltage(run.vehicle.battery)
-    limits, codes = energy_limits(run.vehicle.battery, run.mission, available)
-    return (
-        members._replace(energy_limit=jnp.asarray(limits, dtype), limit_code=jnp.asarray(codes, jnp.int32)),
-        available,
-    )
+    available = np.broadcast_to(charge * mean_voltage(battery), (count,))
+    limits, codes = energy_limits(battery, run.mission, available)
+    return members._replace(energy_limit=limits.astype(dtype), limit_code=codes.astype(np.int32)), available
 
 
 def _track(run: Run, members: Member, available, state: State, out: Output) -> Track:
@@ -302,7 +292,7 @@ def _track(run: Run, members: Member, available, state: State, out: Output) -> T
 
 
 def _parameters(run, members):
-    found = {name: np.asarray(v) for name, v in jax.vmap(parameters)(members.model).items()}
+    found = {name: np.asarray(v) for name, v in parameters(members.model).items()}
     found = {name: value for name, value in found.items() if value.ndim == 1 and np.ptp(value) > 0}
     extra = {"heading_error": members.heading, "surface_stay_factor": members.stay, "speed_factor": members.speed}
     return found | {name: np.asarray(value) for name, value in extra.items()}

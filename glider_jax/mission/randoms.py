@@ -11,7 +11,6 @@ fewest that pass their statistical tests.
 
 from __future__ import annotations
 
-import jax
 import jax.numpy as jnp
 
 _ROTATIONS = (13, 15, 26, 6, 17, 29, 16, 24)
@@ -51,8 +50,3 @@ def normals(key, counter, stream, dtype):
     angle = 2.0 * jnp.pi * uniform(b, dtype)
     return radius * jnp.cos(angle), radius * jnp.sin(angle)
 
-
-def key_words(key):
-    """The two uint32 words of a ``jax.random`` key."""
-    data = jax.random.key_data(key)
-    return data[0], data[1]

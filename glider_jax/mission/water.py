@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import math
+
 import jax.numpy as jnp
 import numpy as np
 
 from glider_jax.config import Mission, Vehicle
-from glider_jax.environment.seawater import density, pressure_from_depth
+from glider_jax.environment.seawater import (
+    density,
+    pressure_dbar_from_depth,
+    pressure_from_depth,
+    temperature_from_conservative,
+)
 from glider_jax.mission.ensemble import Column
 from glider_jax.records import WaterProfile
 
-_PA_PER_DBAR = 1.0e4
 _KELVIN = 273.15
 LEVELS = 24
 
@@ -18,8 +24,12 @@ LEVELS = 24
 def make_column(water: WaterProfile | None, vehicle: Vehicle, mission: Mission, latitude: float, *, dtype=jnp.float32):
     """Water properties at the middles of layers that reach a little below the deepest dive.
 
-    Without a profile the column is uniform, with the density for which the vehicle is trimmed (mass over volume), so
-    that dives and climbs are driven equally; the note says so.
+    Without a profile the column is uniform, with the density at which dives and climbs are driven equally at half
+    depth (mass over the hull's volume there); the note says so.
+
+    Parameters
+    ----------
+    latitude : degrees.
 
     Returns
     -------
@@ -28,21 +38,23 @@ def make_column(water: WaterProfile | None, vehicle: Vehicle, mission: Mission, 
     deepest = mission.yo.dive_to + 15.0
     step = deepest / LEVELS
     depth = (np.arange(LEVELS) + 0.5) * step
-    pressure = np.asarray(pressure_from_depth(depth, latitude), float)
+    phi = math.radians(latitude)
+    pressure = np.asarray(pressure_from_depth(depth, phi), float)
     notes: list[str] = []
     if water is None:
-        trimmed = vehicle.value("flight.mass") / vehicle.value("flight.volume")
+        squeeze = 1.0 - vehicle.value("flight.hull_compressibility") * float(np.interp(0.5 * deepest, depth, pressure))
+        trimmed = vehicle.value("flight.mass") / (vehicle.value("flight.volume") * squeeze)
         temperature = np.full(LEVELS, 288.15)
         rho = np.full(LEVELS, trimmed)
         notes.append(f"no hydrography given: uniform water of {trimmed:.2f} kg/m3, the vehicle's trim, assumed")
     else:
+        dbar = np.asarray(pressure_dbar_from_depth(depth, phi), float)
         ct = np.interp(depth, water.depth, water.conservative_temperature)
         sa = np.interp(depth, water.depth, water.absolute_salinity)
-        rho = np.asarray(density(sa, ct, pressure), float)
-        temperature = ct + _KELVIN
+        rho = np.asarray(density(sa, ct, dbar), float)
+        temperature = np.asarray(temperature_from_conservative(sa, ct, dbar), float) + _KELVIN
         if water.depth[-1] < mission.yo.dive_to:
             notes.append(f"hydrography ends at {water.depth[-1]:.0f} m: its deepest value is used below")
     flown = depth <= mission.yo.dive_to
     mean = float(np.mean(temperature[flown])) if flown.any() else float(temperature[0])
-    number = [jnp.asarray(v, dtype) for v in (depth, pressure * _PA_PER_DBAR, temperature, rho, step)]
-    return Column(*number), mean, notes
+    return Column(*(jnp.asarray(v, dtype) for v in (depth, pressure, temperature, rho, step))), mean, notes

@@ -6,13 +6,15 @@ current drawn from the pack are positive.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
-from glider_jax.config import Battery
+from glider_jax.config import Battery, Quantity
 from glider_jax.physics.perturb import log_normal, standard_normal
 from glider_jax.physics.term import Scalar, positive_part, safe_sqrt
 
@@ -98,6 +100,29 @@ def build_pack(battery: Battery, *, dtype: Any) -> Pack:
         undervolts=leaf(battery.undervolts),
         reserve_fraction=leaf(battery.reserve_fraction),
     )
+
+
+def draw_usable_charge(
+    battery: Battery, temperature: float, normal: Callable[[str], np.ndarray], spread: float = 1.0
+) -> np.ndarray:
+    """Charge that each member may draw, C, on the host, from the record's sigmas.
+
+    All draws are log-normal with the stated mean and sigma; the usable fraction is kept at or below 1.
+
+    Parameters
+    ----------
+    temperature : K, of the pack.
+    normal : gives standard normal numbers, one per member, of a name.  spread : factor on all sigmas.
+    """
+
+    def value(quantity: Quantity, name: str) -> np.ndarray:
+        mean = np.asarray(quantity.value, float)
+        return log_normal(mean, spread * quantity.sigma, normal(f"battery.{name}"), np)
+
+    usable = np.minimum(value(battery.usable_fraction, "usable_fraction"), 1.0)
+    derating = value(battery.temperature_derating, "temperature_derating")
+    cold = 1.0 - derating * max(288.15 - temperature, 0.0)
+    return value(battery.capacity, "capacity") * np.maximum(usable * cold, 0.0)
 
 
 def draw_pack(pack: Pack, battery: Battery, key: Array, spread: float = 1.0) -> Pack:

@@ -12,7 +12,7 @@ Imports the physics layer and the configuration records. Base terms and optional
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -26,7 +26,7 @@ from glider_jax.errors import ConfigError, did_you_mean
 from glider_jax.physics.flight import Glide, steady_glide
 from glider_jax.physics.library import TERMS_BY_ID
 from glider_jax.physics.library.base import BASE, Body, Hull, InducedDrag, Lift, ParasiteDrag
-from glider_jax.physics.perturb import draw_parameters
+from glider_jax.physics.perturb import draw_parameters, standard_normal
 from glider_jax.physics.term import (
     AbstractTerm,
     Channel,
@@ -282,7 +282,9 @@ def with_parameters(model: FlightModel, values: Mapping[str, Array]) -> FlightMo
 
     if not values:
         return model
-    return eqx.tree_at(pick, model, [jnp.asarray(v, model.gates.dtype) for v in values.values()])
+    host = isinstance(model.gates, np.ndarray)
+    convert = np.asarray if host else jnp.asarray
+    return eqx.tree_at(pick, model, [convert(v, model.gates.dtype) for v in values.values()])
 
 
 def sigmas(model: FlightModel, vehicle: Vehicle) -> dict[str, float]:
@@ -315,22 +317,42 @@ def draw(model: FlightModel, vehicle: Vehicle, key: Array, spread: float = 1.0) 
     ------
     ConfigError : a covariance block names an unknown quantity, or is not positive semi-definite.
     """
+    dtype = model.gates.dtype
+    return with_parameters(model, _drawn(model, vehicle, lambda name: standard_normal(key, name, dtype), spread, jnp))
+
+
+def draw_batch(
+    model: FlightModel, vehicle: Vehicle, normal: Callable[[str], np.ndarray], count: int, spread: float = 1.0
+) -> FlightModel:
+    """Draw many members on the host, by the laws of :func:`draw`; every leaf gets a leading dimension of ``count``.
+
+    Parameters
+    ----------
+    normal : gives (count,) standard normal numbers of a parameter's name.
+    """
+    dtype = np.dtype(model.gates.dtype)
+    values = {n: v.astype(dtype) for n, v in _drawn(model, vehicle, normal, spread, np).items()}
+    model = jax.tree.map(lambda leaf: np.broadcast_to(np.asarray(leaf), (count, *np.shape(leaf))), model)
+    return with_parameters(model, values)
+
+
+def _drawn(model, vehicle, normal, spread, xp):
     infos = parameter_infos(model)
     known = set(infos) | set(vehicle.quantities)
     for block in vehicle.covariances:
         for name in block.names:
             if name not in known:
                 raise ConfigError(f"{vehicle.name}: covariance: unknown '{name}'.{did_you_mean(name, known)}")
-    drawn = draw_parameters(
-        means=parameters(model),
+    means = parameters(model)
+    return draw_parameters(
+        means=means if xp is jnp else {name: np.asarray(value, float) for name, value in means.items()},
         sigmas=sigmas(model, vehicle),
         positive=frozenset(name for name, info in infos.items() if info.positive),
         blocks=vehicle.covariances,
-        key=key,
+        normal=normal,
         spread=spread,
-        dtype=model.gates.dtype,
+        xp=xp,
     )
-    return with_parameters(model, drawn)
 
 
 def cast(model: FlightModel, dtype: Any) -> FlightModel:

@@ -6,7 +6,7 @@ Imports JAX, NumPy and the configuration records. Means may be traced; sigmas an
 from __future__ import annotations
 
 import zlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import jax
@@ -60,9 +60,9 @@ def draw_parameters(
     sigmas: Mapping[str, float],
     positive: frozenset[str],
     blocks: tuple[CovarianceBlock, ...],
-    key: Array,
+    normal: Callable[[str], Any],
     spread: float,
-    dtype: Any,
+    xp: Any = jnp,
 ) -> dict[str, Array]:
     """Draw values for all names that are uncertain, by name.
 
@@ -72,34 +72,35 @@ def draw_parameters(
     positive : names that must stay positive: log-normal with the stated mean and sigma when drawn alone, kept above
         a hundredth of the mean when drawn in a block.
     blocks : joint uncertainties; a name in a block is not drawn alone. Names without a mean are passed over.
-    key : one member's key. spread : factor on all uncertainties.
+    normal : gives the standard normal number of a name: a scalar for one member, or an array with one per member.
+    spread : factor on all uncertainties. xp : ``jax.numpy``, or ``numpy`` for draws on the host.
 
     Returns
     -------
-    name -> drawn value.
+    name -> drawn value, of the shape that ``normal`` gives.
     """
     drawn: dict[str, Array] = {}
     for block in blocks:
-        normals = jnp.stack([standard_normal(key, name, dtype) for name in block.names])
-        offsets = spread * (jnp.asarray(factor(block), dtype) @ normals)
+        normals = xp.stack([normal(name) for name in block.names])
+        offsets = spread * (xp.asarray(factor(block), normals.dtype) @ normals)
         for index, name in enumerate(block.names):
             if name in means:
                 value = means[name] + offsets[index]
-                drawn[name] = jnp.maximum(value, _SMALLEST_SHARE * means[name]) if name in positive else value
+                drawn[name] = xp.maximum(value, _SMALLEST_SHARE * means[name]) if name in positive else value
     for name, sigma in sigmas.items():
         if name not in drawn and sigma > 0.0:
-            normal = standard_normal(key, name, dtype)
-            drawn[name] = (log_normal if name in positive else _normal)(means[name], spread * sigma, normal)
+            law = log_normal if name in positive else _normal
+            drawn[name] = law(means[name], spread * sigma, normal(name), xp)
     return drawn
 
 
-def log_normal(mean: Array, sigma: Array | float, normal: Array) -> Array:
+def log_normal(mean: Array, sigma: Array | float, normal: Array, xp: Any = jnp) -> Array:
     """Log-normal value of the stated mean and standard deviation; the mean itself where it is not positive."""
     usable = mean > 0
-    ratio = sigma / jnp.where(usable, mean, jnp.ones_like(mean))
-    variance = jnp.log1p(ratio * ratio)
-    return jnp.where(usable, mean * jnp.exp(jnp.sqrt(variance) * normal - 0.5 * variance), mean)
+    ratio = sigma / xp.where(usable, mean, xp.ones_like(mean))
+    variance = xp.log1p(ratio * ratio)
+    return xp.where(usable, mean * xp.exp(xp.sqrt(variance) * normal - 0.5 * variance), mean)
 
 
-def _normal(mean: Array, sigma: Array | float, normal: Array) -> Array:
+def _normal(mean: Array, sigma: Array | float, normal: Array, xp: Any = jnp) -> Array:
     return mean + sigma * normal

@@ -1,6 +1,6 @@
 """The main job: read every input, fly the ensemble, write every product. The command line only parses and prints.
 
-Files are read in threads while JAX is being loaded, because start-up is where a small forecast spends its time.
+JAX is loaded in a thread while the files are read, because start-up is where a small forecast spends its time.
 """
 
 from __future__ import annotations
@@ -8,7 +8,6 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -128,11 +127,12 @@ def read_inputs(options: Options) -> Inputs:
     # Fields of other years may be tried with the bundled mission: its own start then means nothing.
     free_start = options.start is None and (bundled or mission.start is None) and bool(options.currents)
     period = None if start is None or free_start else (start, start + days * DAY)
-    with ThreadPoolExecutor(3) as pool:
-        currents = pool.submit(_read_currents, options, bundled, box, period)
-        bathymetry = pool.submit(_read_bathymetry, options, bundled, box)
-        water = pool.submit(_read_water, options, box)
-        fields = currents.result(), bathymetry.result(), water.result()
+    # One after the other: the netCDF library must not be used from two threads.
+    fields = (
+        _read_currents(options, bundled, box, period),
+        _read_bathymetry(options, bundled, box),
+        _read_water(options, box),
+    )
     grid = fields[0]
     if grid is not None and not grid.constant_in_time:
         if free_start and not (start is not None and grid.time[0] <= start <= grid.time[-1]):
@@ -163,7 +163,7 @@ def _read_currents(options: Options, bundled: bool, box, period) -> CurrentGrid 
         if grid is not None and not grid.constant_in_time and grid.time.size > 1:
             return add_tides(grid, tides)
         if period is None:
-            raise ConfigError("--tides: expected a start time or currents of several times, found neither. Give --start.")
+            raise ConfigError("--tides: expected a start time or a series of currents, found neither. Give --start.")
         hours = np.arange(period[0], period[1] + 3600.0, 3600.0)
         return tidal_grid(tides, hours) if grid is None else add_tides(grid, tides, time=hours)
     return grid

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from glider_jax.mission.forecast import fly_chunks, prepare
+from glider_jax.mission.forecast import _draw, fly_chunks, prepare
 from glider_jax.mission.plan import overshoot_time
 from glider_jax.mission.speeds import choose_speeds
 from glider_jax.mission.step import sample_speed
@@ -32,8 +32,7 @@ def _compare(n, days, step, correction):
         mission, vehicle, currents=currents, bathymetry=inputs.bathymetry, speeds=nodes, duration=days * 86400.0, seed=3
     )
     track = next(iter(fly_chunks(n, run)))
-    keys = jax.vmap(lambda i: jax.random.fold_in(jax.random.key(3), i))(jnp.arange(n))
-    words = jax.vmap(lambda k: jnp.stack([jax.random.key_data(k)[0], jax.random.key_data(k)[1]]))(keys)
+    words = tuple(map(jnp.asarray, _draw(run, 0, n)[0].key))
     segments = int(days * 8) + 4
     draw = jax.vmap(lambda w: jax.vmap(lambda s: sample_speed(run.plan, w, s))(jnp.arange(segments, dtype=jnp.int32)))
     p = track.parameters
@@ -55,8 +54,10 @@ def _compare(n, days, step, correction):
         heading=p["heading_error"].astype(float), east=grid[0], north=grid[1],
         floor=reference.Grid(np.asarray(b.depth, float)[None], b.latitude, b.longitude),
         energy={
-            "intercept": value("energy.pump_dive_to_climb.intercept"), "slope": value("energy.pump_dive_to_climb.slope"),
-            "climb_to_dive": value("energy.pump_climb_to_dive"), "brake": value("energy.brake"),
+            "intercept": value("energy.pump_dive_to_climb.intercept"),
+            "slope": value("energy.pump_dive_to_climb.slope"),
+            "climb_to_dive": value("energy.pump_climb_to_dive"),
+            "brake": value("energy.brake"),
             "hotel": value("energy.hotel"),
         },
     )  # fmt: skip
@@ -98,8 +99,9 @@ def test_fifteen_days_agree_with_five_second_steps(capsys):
         share.append(mine / table[3, k, j] - 1.0)
     with capsys.disabled():
         print(
-            f"\nposition error: median {np.median(distance[known]):.1f} m, p99 {np.percentile(distance[known], 99):.1f} m; "
-            f"members never over 50 m {100 * np.mean(worst < 50):.1f} %; energy p99 {np.percentile(np.abs(share), 99):.2e}"
+            f"\nposition: median {np.median(distance[known]):.1f} m, p99 {np.percentile(distance[known], 99):.1f} m; "
+            f"never over 50 m: {100 * np.mean(worst < 50):.1f} % of members; "
+            f"energy p99 {np.percentile(np.abs(share), 99):.2e}"
         )
     assert np.percentile(distance[known], 99) < 50.0
     assert np.percentile(np.abs(share), 99) < 1e-3
