@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from glider_jax.board.frames import OVERHEAD, REVISION_1, TICK
+from glider_jax.board.frames import TICK
 from glider_jax.errors import DataError
 
 STEP = 0.5
@@ -46,9 +46,9 @@ class Clock:
         if self.steps:
             first = self.steps[0]
             raise DataError(
-                f"{name}: expected a steady clock, found {len(self.steps)} steps; the first is {first.seconds:+.1f} s at "
-                f"tick {first.tick} of start {first.epoch}. Ticks stay right; use --clock-steps keep to place all "
-                "samples by the line before the first step."
+                f"{name}: expected a steady clock, found {len(self.steps)} steps; the first is "
+                f"{first.seconds:+.1f} s at tick {first.tick} of start {first.epoch}. "
+                "Ticks stay right; use --clock-steps keep to place all samples by the line before the first step."
             )
 
 
@@ -83,22 +83,12 @@ def fit_clock(stamps: NDArray[np.int64], epochs: int, tick: float = TICK) -> Clo
     return Clock(start, period, tuple(steps))
 
 
-def stamps_from_arrival(
-    folder: Path, offsets: NDArray[np.int64], epoch: NDArray[np.int32], tick: NDArray[np.int64]
-) -> NDArray[np.int64]:
-    """Stamps from the host's arrival times, for a board that knows no UTC.
-
-    Parameters
-    ----------
-    folder : capture folder with ``*.times`` beside each log.
-    offsets : (frame,) byte in the joined logs at which frames end. epoch, tick : (frame,) of the same frames.
-
-    Returns
-    -------
-    (stamp, 3) as :func:`fit_clock` takes them; empty where no arrival times were kept.
-    """
+def read_arrivals(folder: Path) -> NDArray[np.int64]:
+    """Arrival times that a capture kept beside its logs: (arrival, 2) byte of the joined logs, UTC in ns
+    since 1970."""
     joined, rows = 0, []
-    for log in sorted(p for p in folder.iterdir() if ".bin" in p.suffixes):
+    logs = (p for p in folder.iterdir() if ".bin" in p.suffixes) if folder.is_dir() else ()
+    for log in sorted(logs):
         times = log.with_name(log.name.replace(".bin", ".times"))
         if times.is_file():
             for line in times.read_text(encoding="ascii").splitlines():
@@ -106,10 +96,27 @@ def stamps_from_arrival(
                 if len(parts) == 3:
                     rows.append((joined + int(parts[0]), int(parts[1])))
         joined += log.stat().st_size
-    if not rows or offsets.size == 0:
+    return np.array(rows, dtype=np.int64).reshape(-1, 2)
+
+
+def stamps_from_arrival(
+    arrivals: NDArray[np.int64], ends: NDArray[np.int64], epoch: NDArray[np.int32], tick: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """Stamps from the host's arrival times, for a board that knows no UTC; late by the delay of the line.
+
+    Parameters
+    ----------
+    arrivals : from :func:`read_arrivals`.
+    ends : (frame,) byte after each frame in the joined logs. epoch, tick : (frame,) of the same frames.
+
+    Returns
+    -------
+    (stamp, 3) as :func:`fit_clock` takes them.
+    """
+    if ends.size == 0 or arrivals.size == 0:
         return np.empty((0, 3), dtype=np.int64)
-    arrival = np.array(rows, dtype=np.int64)
-    at = np.searchsorted(offsets, arrival[:, 0], side="right") - 1
-    known = (at >= 0) & (arrival[:, 0] - offsets[np.maximum(at, 0)] <= OVERHEAD + REVISION_1[2].payload)
+    # A frame that ended just before byte n had arrived when byte n did; further away nothing is known.
+    at = np.searchsorted(ends, arrivals[:, 0], side="right") - 1
+    known = (at >= 0) & (arrivals[:, 0] - ends[np.maximum(at, 0)] <= 32)
     at = at[known]
-    return np.stack([epoch[at].astype(np.int64), tick[at], arrival[known, 1] // 1_000_000], axis=1)
+    return np.stack([epoch[at].astype(np.int64), tick[at], arrivals[known, 1] // 1_000_000], axis=1)

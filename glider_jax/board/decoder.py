@@ -29,7 +29,8 @@ class Samples:
 
     ``tick`` (sample,) since the board's start, ``epoch`` (sample,) counts the starts, ``counts`` (sample,
     channel) A/D
-    counts, ``flags`` (sample,) trigger and saturation bits.
+    counts, ``flags`` (sample,) trigger and saturation bits, ``end`` (sample,) the byte of the stream after
+    its frame.
     """
 
     channels: tuple[str, ...]
@@ -37,6 +38,7 @@ class Samples:
     epoch: NDArray[np.int32]
     counts: NDArray[np.uint16]
     flags: NDArray[np.uint8]
+    end: NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -165,6 +167,7 @@ class Decoder:
         self.wanted = revision
         self.report = Report()
         self._rest = np.empty(0, dtype=np.uint8)
+        self._start = 0
 
     @property
     def pending(self) -> int:
@@ -192,6 +195,7 @@ class Decoder:
         report.damaged += found.damaged
         for revision, count in found.foreign.items():
             report.foreign[revision] = report.foreign.get(revision, 0) + count
+        self._start = report.bytes - buffer.size
         self._rest = buffer[rest:].copy()
         rows = np.flatnonzero(keep)
         report.frames += rows.size
@@ -268,7 +272,8 @@ class Decoder:
                     [epoch[where], number[where], frames.from_integers(payload[:, :6])], axis=1
                 ).astype(np.int64)
         self._count(channels, counts)
-        return Batch(samples=(Samples(channels, number, epoch, counts, found.flags[rows]),), clock=clock)
+        end = self._start + found.offset[rows] + found.size[rows]
+        return Batch(samples=(Samples(channels, number, epoch, counts, found.flags[rows], end),), clock=clock)
 
     def _revision_2(
         self, buffer: NDArray[np.uint8], found: Found, rows: NDArray[np.int64], epoch: NDArray[np.int32]
@@ -290,7 +295,9 @@ class Decoder:
                 elif kind == frames.EVENT:
                     triggers += [_trigger(row, int(e)) for row, e in zip(payload, at, strict=True)]
                 elif kind == frames.SAMPLES:
-                    samples += self._by_mask(payload, ticks, at, found.flags[rows[where]])
+                    mine = rows[where]
+                    end = self._start + found.offset[mine] + found.size[mine]
+                    samples += self._by_mask(payload, ticks, at, found.flags[mine], end)
                 else:
                     subset += _windows(payload, ticks, at)
         triggers.sort(key=lambda t: (t.epoch, t.tick, not t.started))
@@ -302,6 +309,7 @@ class Decoder:
         ticks: NDArray[np.int64],
         epoch: NDArray[np.int32],
         flags: NDArray[np.uint8],
+        end: NDArray[np.int64],
     ) -> list[Samples]:
         out = []
         for mask in distinct(payload[:, 4]):
@@ -309,7 +317,7 @@ class Decoder:
             channels = _names(mask)
             counts = frames.unpack_samples(payload[chosen, 6:], len(channels))
             self._count(channels, counts)
-            out.append(Samples(channels, ticks[chosen], epoch[chosen], counts, flags[chosen]))
+            out.append(Samples(channels, ticks[chosen], epoch[chosen], counts, flags[chosen], end[chosen]))
         return out
 
     def check(self) -> None:

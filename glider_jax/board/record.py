@@ -18,7 +18,7 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from glider_jax.board.clock import Clock, fit_clock
+from glider_jax.board.clock import Clock, fit_clock, read_arrivals, stamps_from_arrival
 from glider_jax.board.decoder import Batch, Decoder, decode_pieces, read_pieces
 from glider_jax.board.frames import TICK
 from glider_jax.errors import DataError, did_you_mean
@@ -69,8 +69,8 @@ class BoardRecord:
             number = int(np.count_nonzero((values == 0) | (values == 1023)))
         if total and number > share * total:
             raise DataError(
-                f"{self.name}: channel {channel}: expected counts between 1 and 1022, found {number} of {total} samples "
-                "saturated. The sensor is unplugged, broken or too small for the current."
+                f"{self.name}: channel {channel}: expected counts between 1 and 1022, found {number} of {total} "
+                "samples saturated. The sensor is unplugged, broken or too small for the current."
             )
 
 
@@ -81,18 +81,31 @@ def _all_channels(batches: list[Batch], name: str) -> tuple[str, ...]:
     return max(kinds, key=len)
 
 
-def collect(batches: list[Batch], name: str, report: dict[str, Any], period: float = TICK) -> BoardRecord:
+def _stamps(batch: Batch, arrivals: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The board's own stamps, or those of the host where the board sent none."""
+    if batch.clock.size or not arrivals.size:
+        return batch.clock
+    parts = [stamps_from_arrival(arrivals, part.end, part.epoch, part.tick) for part in batch.samples]
+    return np.concatenate([batch.clock, *parts])
+
+
+def collect(
+    batches: list[Batch], name: str, report: dict[str, Any], arrivals: NDArray[np.int64] | None = None
+) -> BoardRecord:
     """Join batches; samples of a revision 2 log that lack a channel of the fullest set are left out."""
     channels = _all_channels(batches, name)
     parts = [part for batch in batches for part in batch.samples if part.channels == channels]
     setups = [setup for batch in batches for setup in batch.setups]
-    period = setups[0].tick if setups else period
+    period = setups[0].tick if setups else TICK
     order = slice(None)
     epoch = np.concatenate([part.epoch for part in parts])
     tick = np.concatenate([part.tick for part in parts])
     if tick.size > 1 and ((np.diff(tick) <= 0) & (np.diff(epoch) == 0)).any():
         order = np.lexsort((tick, epoch))
-    stamps = np.concatenate([batch.clock for batch in batches])
+    known = np.empty((0, 2), dtype=np.int64) if arrivals is None else arrivals
+    if any(batch.clock.size for batch in batches):
+        known = known[:0]
+    stamps = np.concatenate([_stamps(batch, known) for batch in batches])
     return BoardRecord(
         channels=channels,
         tick=tick[order],
@@ -117,7 +130,7 @@ def read_log(path: str | Path, revision: int | None = None) -> BoardRecord:
         return open_record(path)
     decoder = Decoder(revision, str(path))
     batches = list(decode_pieces(read_pieces(path), decoder))
-    return collect(batches, Path(path).name, decoder.report.as_dict())
+    return collect(batches, Path(path).name, decoder.report.as_dict(), read_arrivals(Path(path)))
 
 
 class _GrowingArray:
@@ -152,7 +165,11 @@ class _GrowingArray:
 
 
 def write_record(
-    pieces: Iterator[bytes], folder: str | Path, name: str, revision: int | None = None
+    pieces: Iterator[bytes],
+    folder: str | Path,
+    name: str,
+    revision: int | None = None,
+    arrivals: NDArray[np.int64] | None = None,
 ) -> tuple[BoardRecord, Decoder]:
     """Decode a stream into a record folder with constant memory.
 
@@ -161,7 +178,9 @@ def write_record(
     pieces : bytes, as :func:`decoder.read_pieces` gives them.
     folder : made if absent; an earlier record in it is replaced.
     name : of the log, for messages.
+    arrivals : from ``clock.read_arrivals``, used where the board sends no UTC.
     """
+    host = np.empty((0, 2), dtype=np.int64) if arrivals is None else arrivals
     where = Path(folder)
     where.mkdir(parents=True, exist_ok=True)
     decoder = Decoder(revision, name)
@@ -169,7 +188,9 @@ def write_record(
     stamps, channels, period, left_out = [], (), TICK, 0
     for batch in decode_pieces(pieces, decoder):
         period = batch.setups[0].tick if batch.setups else period
-        stamps.append(batch.clock)
+        if batch.clock.size and host.size:
+            host, stamps = host[:0], []
+        stamps.append(_stamps(batch, host))
         for part in batch.samples:
             if not files:
                 channels = max((p.channels for p in batch.samples), key=len)
