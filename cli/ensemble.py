@@ -32,7 +32,10 @@ def ensemble(
     ] = None,
     hydrography: Annotated[
         list[Path] | None,
-        typer.Option(help="Temperature and salinity, for --speed flight.", rich_help_panel=_INPUTS),
+        typer.Option(
+            help="Temperature and salinity, for --speed flight; a ROMS file may be followed by its own grid file.",
+            rich_help_panel=_INPUTS,
+        ),
     ] = None,
     tides: Annotated[
         Path | None, typer.Option(help="ROMS tide forcing added to the currents.", rich_help_panel=_INPUTS)

@@ -7,6 +7,8 @@ error.
 from __future__ import annotations
 
 import sys
+from importlib import import_module
+from importlib.util import find_spec
 from typing import Annotated
 
 import typer
@@ -45,22 +47,32 @@ class _State:
     debug = False
 
 
+_COMMANDS = (
+    ("ensemble", "ensemble", "ensemble"),
+    ("next", "next", "next_surfacing"),
+    ("hindcast", "hindcast", "hindcast"),
+    ("scores", "scores", "scores"),
+    ("diagnose", "diagnose", "diagnose"),
+    ("prove", "prove", "prove"),
+    ("recording", "recording", "recording"),
+    ("dialog", "dialog", "dialog"),
+    ("terms", "terms", "terms"),
+)
+_GROUPS = (
+    ("board", "board", "Decode, capture and check the current-measurement board."),
+    ("energy", "energy", "Fit energy models to board logs and recordings."),
+    ("speeds", "speeds", "Fit speed distributions to recordings."),
+)
+
+
 def register() -> None:
     """Add every command; each module imports what it needs inside its functions."""
-    from glider_jax_cli import ensemble
-
-    app.command("ensemble")(ensemble.ensemble)
-    _optional()
-
-
-def _optional() -> None:
-    from glider_jax_cli import board, energy, recording, speeds, terms
-
-    app.add_typer(board.app, name="board", help="Decode, capture and check the current-measurement board.")
-    app.add_typer(energy.app, name="energy", help="Fit energy models to board logs and recordings.")
-    app.add_typer(speeds.app, name="speeds", help="Fit speed distributions to recordings.")
-    app.command("recording")(recording.recording)
-    app.command("terms")(terms.terms)
+    for name, module, function in _COMMANDS:
+        if find_spec(f"glider_jax_cli.{module}"):
+            app.command(name)(getattr(import_module(f"glider_jax_cli.{module}"), function))
+    for name, module, text in _GROUPS:
+        if find_spec(f"glider_jax_cli.{module}"):
+            app.add_typer(import_module(f"glider_jax_cli.{module}").app, name=name, help=text)
 
 
 register()

@@ -163,19 +163,17 @@ class CurrentField(eqx.Module):
 
         Returns
         -------
-        (east, north, sd, late): m s-1; NaN outside the area; ``late`` is 1 outside the time range.
+        (east, north, sd): m s-1; NaN outside the area; the first or last frame outside the time range.
         """
-        dtype = self.table.dtype
         cell, fx, fy, inside = self.cells.locate(east, north)
         if self.steady:
-            frame, part, late = jnp.int32(0), jnp.zeros_like(east), jnp.zeros_like(east)
+            frame, part = jnp.int32(0), jnp.zeros_like(east)
         else:
             f = clock[1] + time * self.inverse_interval
             whole = jnp.floor(f)
             frame = clock[0] + whole.astype(jnp.int32)
             part = f - whole
-            beyond = (frame < 0) | (frame > self.frames - 1) | ((frame == self.frames - 1) & (part > 0))
-            late = beyond.astype(dtype)
+            # Half a step past the last frame, the last frame holds; ``covers`` ends members that start there.
             part = jnp.where(frame >= self.frames - 1, jnp.ones_like(part), part)
             frame = jnp.clip(frame, 0, jnp.maximum(self.frames - 2, 0))
         count = self.cells.shape[0] * self.cells.shape[1]
@@ -201,9 +199,17 @@ class CurrentField(eqx.Module):
                 u2, v2 = at(frame + 1)
                 u, v = u + part * (u2 - u), v + part * (v2 - v)
             u, v = jnp.where(inside, u, jnp.nan), jnp.where(inside, v, jnp.nan)
-            return u, v, self.error[cell], late
+            return u, v, self.error[cell]
 
         return fenced(self.run, lookup)
+
+    def covers(self, clock, time):
+        """Whether a time (s since the start of the interval) lies between the first and the last frame."""
+        if self.steady:
+            return jnp.ones_like(time, bool)
+        f = clock[1] + time * self.inverse_interval
+        frame = clock[0] + jnp.floor(f).astype(jnp.int32)
+        return (frame >= 0) & (frame < self.frames - 1)
 
     def _integral(self, row, base, depth):
         level = depth * self.inverse_depth_step

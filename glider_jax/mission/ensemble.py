@@ -207,7 +207,9 @@ def fly(members: Member, plan: Plan, shape: Shape, env: Environment, column: Col
             one = jax.vmap(lambda m, g, go, s: step(m, plan, shape, env, g, clock, base, go, s))
 
             def pending(state):
-                return (state.outcome == int(Outcome.FLYING)) & (state.time < interval)
+                # The last block may hold more intervals than the forecast: nothing flies in those.
+                wanted = index < plan.intervals
+                return (state.outcome == int(Outcome.FLYING)) & (state.time < interval) & wanted
 
             state = jax.lax.while_loop(
                 lambda s: jnp.any(pending(s)), lambda s: one(members, legs, pending(s), s), state

@@ -70,6 +70,7 @@ class Plan(eqx.Module):
     yo_limit: Any
     correction: Any
     interval: Any
+    intervals: Any
     bundle: Any
     minimum_yo: Any
     minimum_depth: Any
@@ -180,6 +181,7 @@ def make_plan(
         yo_limit=number(max(1.0, min(counts) / 2.0) if counts else _LONG),
         correction=number(1.0 if mission.current_correction else 0.0),
         interval=number(interval),
+        intervals=jnp.asarray(intervals, jnp.int32),
         bundle=number(1500.0),
         minimum_yo=number(2.0),
         minimum_depth=number(2.5),

@@ -243,7 +243,8 @@ def _plan_dive(member, plan: Plan, shape: Shape, env: Environment, legs, base, s
     te1, tn1 = _turned(member, plan, base, state, he1, hn1)
     # The seafloor at the mean place of the turns, corrected along its slope for the time a deeper turn takes.
     ratio = 1.0 / w_down + 0.5 * (yos - 1.0) * (1.0 / w_down + 1.0 / w_up)
-    tau = first + 0.5 * (yos - 1.0) * cycle
+    # A turn is commanded before it is made: the seafloor that counts lies where the overshoot begins.
+    tau = first + 0.5 * (yos - 1.0) * cycle - plan.overshoot_time
     ve = (mean_speed * te1 + state.current_east) * sx
     vn = (mean_speed * tn1 + state.current_north) * sy
     depth, gx, gy = env.bathymetry.depth(state.east + ve * tau, state.north + vn * tau)
@@ -251,8 +252,9 @@ def _plan_dive(member, plan: Plan, shape: Shape, env: Environment, legs, base, s
         depth = depth + member.model.total(Channel.WATER_DEPTH, _sample(plan, member, base, state, bottom_depth=depth))
     slope = jnp.clip((gx * ve + gy * vn) * ratio, -0.5, 0.5)
     clearance = depth - plan.altitude
-    wanted = jnp.minimum((clearance - slope * zp) / (1.0 - slope), plan.dive_to)
-    turn = wanted + w_down * plan.overshoot_time
+    over = w_down * plan.overshoot_time
+    wanted = jnp.minimum((clearance + slope * (over - zp)) / (1.0 - slope), plan.dive_to)
+    turn = wanted + over
     if member.model.has(Channel.TURN_DEPTH):
         turn = turn + member.model.total(
             Channel.TURN_DEPTH, _sample(plan, member, base, state, depth=wanted, depth_rate=w_down, direction=-1.0)
@@ -264,7 +266,7 @@ def _plan_dive(member, plan: Plan, shape: Shape, env: Environment, legs, base, s
     turn = jnp.minimum(turn, limit)
     aground = (depth < plan.minimum_depth) | (turn < top + 0.5)
 
-    reach = legs.depth_after(state.depth, remaining) + w_down * plan.overshoot_time
+    reach = legs.depth_after(state.depth, remaining) + over
     breaks = (plan.interrupts * (jnp.arange(count) == reason)).sum() > 0.5
     cut = (yos < 1.5) & (reach < turn) & breaks
     turn = jnp.where(cut, jnp.maximum(reach, state.depth + 0.5 * plan.minimum_yo), turn)
@@ -431,7 +433,7 @@ def _move(member, plan: Plan, env: Environment, clock, base, state: State, dive:
         error_north=error_north,
         over_ground=jnp.sqrt(de * de + dn * dn),
         dry=jnp.isnan(water[0]),
-        late=water[3] > 0,
+        late=~env.currents.covers(clock, state.time),
     )
 
 

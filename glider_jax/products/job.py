@@ -182,7 +182,9 @@ def _read_water(options: Options, box) -> WaterProfile | None:
         return None
     from glider_jax.readers.hydrography import read_water_profile
 
-    return read_water_profile(list(options.hydrography), box=box, grid=options.grid)
+    # A second file is taken to be the hydrography's own grid, which may differ from that of the currents.
+    own = len(options.hydrography) > 1
+    return read_water_profile(list(options.hydrography), box=box, grid=None if own else options.grid)
 
 
 def prepare_run(options: Options, inputs: Inputs):
@@ -246,12 +248,11 @@ def run_ensemble(options: Options, out: Path | None, progress: Callable[[int], N
     next is flown, and the track returned is the first chunk alone.
     """
     from glider_jax.mission.forecast import fly_chunks, join
-    from glider_jax.products.measures import read_polygons
     from glider_jax.products.netcdf import NetcdfWriter
     from glider_jax.products.summary import SummaryAccumulator
 
     inputs = read_inputs(options)
-    polygons = read_polygons(options.polygons) if options.polygons is not None else ()
+    polygons = _read_polygons(options.polygons)
     run = prepare_run(options, inputs)
     summary = SummaryAccumulator(polygons=polygons, reserve=options.reserve)
     stream = options.n > STREAM_ABOVE
@@ -287,6 +288,14 @@ def run_ensemble(options: Options, out: Path | None, progress: Callable[[int], N
     if out is not None:
         files |= write_products(whole, result, inputs, out, options.outputs)
     return Result(result, files, whole)
+
+
+def _read_polygons(path: Path | None):
+    if path is None:
+        return ()
+    from glider_jax.products.geojson import read_polygons
+
+    return read_polygons(path)
 
 
 def write_products(track: Track, summary: dict[str, Any], inputs: Inputs, out: Path, outputs) -> dict[str, Path]:

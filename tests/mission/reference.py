@@ -46,8 +46,11 @@ class Grid:
 
 
 def fly(*, n, start, t0, duration, waypoints, radius, yo, overshoot, stay, period, correction, speeds, heading, energy,
-        east, north, floor, step=5.0):
-    """Fly ``n`` members and return surfacings (n, s) of time, latitude, longitude and energy, NaN padded.
+        east, north, floor, outputs, step=5.0):
+    """Fly ``n`` members.
+
+    Returns the surfacings (4, n, s) of time, latitude, longitude and energy, NaN padded, and the energy drawn by the
+    times ``outputs`` (n, o), NaN once a member has ended.
 
     ``speeds`` (n, segments) m s-1; ``yo`` has dive_to, climb_to, altitude, tangent; ``stay`` (n,) s; ``heading`` (n,)
     rad, true minus believed; ``energy`` maps names to (n,) coefficients.
@@ -65,6 +68,8 @@ def fly(*, n, start, t0, duration, waypoints, radius, yo, overshoot, stay, perio
     up, over, done = np.zeros(n, bool), np.zeros(n, bool), np.zeros(n, bool)
     spent = energy["climb_to_dive"] + energy["brake"]
     found = [[] for _ in range(n)]
+    drawn = np.full((n, len(outputs)), np.nan)
+    times = np.asarray(outputs, float)
     targets = np.array(waypoints)
     while True:
         live = ~over & (t < t0 + duration)
@@ -116,6 +121,10 @@ def fly(*, n, start, t0, duration, waypoints, radius, yo, overshoot, stay, perio
         left = left - dt
         t = t + dt
         spent = spent + energy["hotel"] * dt
+        k = np.searchsorted(times, t)
+        passed = live & (k > 0) & (times[np.maximum(k, 1) - 1] > t - dt)
+        back = energy["hotel"] * (t - times[np.maximum(k, 1) - 1])
+        drawn[passed, k[passed] - 1] = (spent - back)[passed]
         # Events.
         m, p = radii(dr_lat)
         distance = np.hypot(np.radians(targets[leg, 1] - dr_lon) * p, np.radians(targets[leg, 0] - dr_lat) * m)
@@ -163,5 +172,5 @@ def fly(*, n, start, t0, duration, waypoints, radius, yo, overshoot, stay, perio
     for k, events in enumerate(found):
         for j, event in enumerate(events):
             table[:, k, j] = event
-    return table
+    return table, drawn
 
