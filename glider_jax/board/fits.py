@@ -47,6 +47,24 @@ class Gains:
     source: str = "judgement: coulomb counter 2 %, voltage 0.5 %"
 
 
+def board_gains(main_zero: float, bench: float | None = None) -> Gains:
+    """Shared errors of a board: data-sheet gain 1.5 % per sensor, halved in variance where two share the
+    pump.
+
+    Parameters
+    ----------
+    main_zero : W, from ``motors.board_levels``.
+    bench : relative 1-sigma of the gains after a bench calibration, if one was made.
+    """
+    gain = 0.015 if bench is None else bench
+    text = (
+        "Hall sensor data sheets, 1.5 % gain"
+        if bench is None
+        else f"bench calibration, {100 * bench:.2g} % gain"
+    )
+    return Gains(0.003, gain / 2.0**0.5, gain, gain, main_zero, f"{text}; voltage 0.3 % (judgement)")
+
+
 @dataclass(frozen=True)
 class PumpFit:
     """One form of the dive-to-climb energy.
