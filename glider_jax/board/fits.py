@@ -152,6 +152,16 @@ class EnergyModel:
     gains: Gains = field(default_factory=Gains)
     brake_included: bool = False
 
+    def intervals(self, level: float = 0.95, simultaneous: bool = True) -> dict[str, float]:
+        """Half width of the interval of each quantity.
+
+        Parameters
+        ----------
+        level : coverage of each, or with ``simultaneous`` of all together (Bonferroni).
+        """
+        share = (1.0 - level) / len(self.names) if simultaneous else 1.0 - level
+        return {name: self.estimates[name].interval(1.0 - share) for name in self.names}
+
     def distance(self, truth: dict[str, float]) -> float:
         """Squared Mahalanobis distance of a true model from this one, over the quantities that both name."""
         rows = [i for i, name in enumerate(self.names) if name in truth]
