@@ -85,6 +85,7 @@ def prepare(
     spread: float = 1.0,
     start: float | None = None,
     start_position: tuple[float, float] | None = None,
+    current_error: float | None = None,
     dtype=jnp.float32,
 ) -> Run:
     """Check the inputs against each other and tabulate them.
@@ -97,6 +98,7 @@ def prepare(
     duration : s to forecast.  interval : s between outputs, chosen if None.
     seed : of all random draws.  spread : factor on every perturbation, 0 for one deterministic flight.
     start, start_position : override the mission's.
+    current_error : m s-1 per component where the product states none; the vehicle's perturbation if None.
 
     Raises
     ------
@@ -119,7 +121,7 @@ def prepare(
     interval = output_interval(duration, mission) if interval is None else interval
     reach = [position[0], *(p[0] for p in mission.waypoints)]
     frame = Frame(position[0], position[1], min(reach) - 1.5, max(reach) + 1.5)
-    default_sd = vehicle.value("perturbation.current_error")
+    default_sd = vehicle.value("perturbation.current_error") if current_error is None else current_error
     notes = list(mission.notes)
     _check_start(mission, position, t0, currents, bathymetry)
     own_error = currents is not None and currents.east_sd is not None
@@ -129,8 +131,6 @@ def prepare(
         else still_water(frame, default_sd, dtype)
     )
     floor = make_bathymetry(bathymetry, frame, dtype) if bathymetry is not None else flat_bottom(11000.0, frame, dtype)
-    if currents is None:
-        notes.append(f"no currents given: still water with an error of {default_sd:g} m/s assumed")
     if bathymetry is None:
         notes.append("no bathymetry given: the seafloor is never reached")
     column, temperature, told = make_column(water, vehicle, mission, position[0], dtype=dtype)

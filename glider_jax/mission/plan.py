@@ -22,6 +22,8 @@ TIMED = ("every", "after", "no_comms", "utc")
 _LONG = 1e9
 MAX_LEGS = 64
 SPEED_NODES = 1025
+#: s; yos that together last no longer are flown as one step. Chosen against the small-step reference.
+BUNDLE = 900.0
 
 
 @dataclass(frozen=True)
@@ -182,7 +184,7 @@ def make_plan(
         correction=number(1.0 if mission.current_correction else 0.0),
         interval=number(interval),
         intervals=jnp.asarray(intervals, jnp.int32),
-        bundle=number(1500.0),
+        bundle=number(BUNDLE),
         minimum_yo=number(2.0),
         minimum_depth=number(2.5),
         error_time=number(vehicle.value("perturbation.current_error_time")),

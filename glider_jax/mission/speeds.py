@@ -2,8 +2,9 @@
 
 ``shoebox`` flies one speed, as the manufacturer's simulator; ``distribution`` draws a speed for every dive segment
 from what gliders were seen to do at that pitch; ``flight`` has no nodes, its speed follows from the forces.
-Speeds over the ground contain the currents of the years they come from. They are right where no currents are given;
-where currents are, speeds through the water are drawn, so that currents are not counted twice.
+Speeds over the ground contain the currents of the years they come from. Speeds through the water are drawn unless the
+user asks otherwise, so that currents are not counted twice; where no currents are given, their unknown velocity is
+then part of the forecast's uncertainty (``CURRENT_SPREAD``).
 """
 
 from __future__ import annotations
@@ -21,6 +22,9 @@ from glider_jax_data import path as bundled_path
 MODELS = ("shoebox", "distribution", "flight")
 KINDS = ("auto", "over_ground", "through_water")
 SHOEBOX_SPEED = 0.34
+#: m s-1 per component: the currents' share of the spread of published speeds over ground on a shelf; see the notes of
+#: the bundled distribution.
+CURRENT_SPREAD = 0.129
 _FAR_PITCH = math.radians(3.0)
 
 
@@ -31,8 +35,7 @@ def choose_speeds(
 
     Parameters
     ----------
-    model : one of ``MODELS``.  kind : one of ``KINDS``; ``auto`` takes speeds through the water where there are
-        currents and speeds over the ground where there are none.
+    model : one of ``MODELS``.  kind : one of ``KINDS``; ``auto`` takes speeds through the water.
     file : a speed file to use instead of the vehicle's.
 
     Raises
@@ -51,7 +54,7 @@ def choose_speeds(
     if model == "shoebox":
         speed = float(vehicle.speeds.get("shoebox", SHOEBOX_SPEED))
         return (np.array([speed, speed]), np.array([0.0, 1.0])), [f"one speed of {speed:g} m/s for all dives"]
-    wanted = ("through_water" if has_currents else "over_ground") if kind == "auto" else kind
+    wanted = "through_water" if kind == "auto" else kind
     chosen, where = _nearest(_distributions(vehicle, file), pitch, wanted, file or vehicle.speeds.get("distribution"))
     notes = [
         f"speeds drawn from {chosen.segments} segments at {math.degrees(chosen.pitch):.0f} degrees, "
@@ -84,3 +87,15 @@ def _nearest(known, pitch, kind, where):
         have = ", ".join(sorted({d.kind for d in known}))
         raise ConfigError(f"{where}: expected a distribution of kind '{kind}', found only {have}. Give --speed-kind.")
     return min(fitting, key=lambda d: abs(d.pitch - pitch)), where or "bundled"
+
+
+def current_error(vehicle: Vehicle, model: str, kind: str, has_currents: bool) -> tuple[float, str]:
+    """1-sigma error per component (m s-1) of currents that state none of their own, and why."""
+    stated = vehicle.value("perturbation.current_error")
+    if has_currents:
+        return stated, ""
+    if model == "distribution" and kind == "over_ground":
+        return 0.0, "no currents given: their effect is in the spread of the speeds over ground"
+    return max(stated, CURRENT_SPREAD), (
+        f"no currents given: an unknown current of {max(stated, CURRENT_SPREAD):g} m/s (1 sigma per component) assumed"
+    )

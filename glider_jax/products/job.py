@@ -192,7 +192,7 @@ def prepare_run(options: Options, inputs: Inputs):
     import jax.numpy as jnp
 
     from glider_jax.mission.forecast import prepare
-    from glider_jax.mission.speeds import choose_speeds
+    from glider_jax.mission.speeds import choose_speeds, current_error
 
     if options.precision not in ("float32", "float64"):
         raise ConfigError(f"--precision: expected float32 or float64, found '{options.precision}'.")
@@ -204,11 +204,13 @@ def prepare_run(options: Options, inputs: Inputs):
         inputs.mission, inputs.vehicle, options.speed, kind=options.speed_kind,
         has_currents=inputs.currents is not None, file=options.speeds,
     )  # fmt: skip
+    error, why = current_error(inputs.vehicle, options.speed, options.speed_kind, inputs.currents is not None)
+    told += [why] if why else []
     run = prepare(
         inputs.mission, inputs.vehicle, currents=inputs.currents, bathymetry=inputs.bathymetry, water=inputs.water,
         speed=options.speed, speeds=nodes, duration=inputs.days * DAY, interval=options.interval, seed=options.seed,
         spread=options.spread, start=inputs.start, start_position=options.start_position,
-        dtype=jnp.dtype(options.precision),
+        current_error=error, dtype=jnp.dtype(options.precision),
     )  # fmt: skip
     notes = [*inputs.notes, *run.notes, *told, *_source_notes(inputs)]
     notes += [f"assumed for the vehicle: {text}" for text in inputs.vehicle.assumed]

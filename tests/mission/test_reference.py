@@ -99,7 +99,8 @@ def test_fifteen_days_agree_with_five_second_steps(capsys):
     track, table, drawn = _compare(200, 15.0, 5.0, True)
     distance, late, known = _errors(track, table)
     worst = np.where(known, distance, 0).max(axis=1)
-    share = _energy_errors(track, drawn, first_day=1.0)
+    # Early on, one stroke more or less by an output time is a per mille by itself.
+    share = _energy_errors(track, drawn, first_day=3.0)
     with capsys.disabled():
         print(
             f"\nposition: median {np.median(distance[known]):.1f} m, p99 {np.percentile(distance[known], 99):.1f} m; "
