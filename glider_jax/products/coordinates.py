@@ -82,8 +82,7 @@ def degree_minutes(value: float, axis: str, digits: int = 3) -> str:
 
     Minutes are rounded before degrees are split off, so 59.9996 minutes becomes the next degree.
     """
-    if axis == "lon":
-        value = float(wrap_longitude(value))
+    value = float(wrap_longitude(value)) if axis == "lon" else float(value)
     hemisphere = ("N", "S")[value < 0] if axis == "lat" else ("E", "W")[value < 0]
     scale = 10**digits
     total = round(abs(value) * 60.0 * scale)
