@@ -98,20 +98,27 @@ def interpolate(
 STATES = ("science_on", "gps_on", "iridium_on", "iridium_connected", "air_pump", "argos_on")
 
 
-def glider_record(recording: Recording) -> GliderRecord:
+def glider_record(recording: Recording, need_current: bool = True) -> GliderRecord:
     """Take what the event finder needs from a recording; rows are the flight computer's cycles.
+
+    Parameters
+    ----------
+    recording : of one glider.
+    need_current : False beside board samples, where depth and voltage are enough.
 
     Raises
     ------
     DataError : no current was recorded, or no voltage or depth.
     """
-    for name in ("current", "battery_voltage", "depth"):
+    wanted = ("current", "battery_voltage", "depth")
+    for name in wanted if need_current else wanted[1:]:
         if name not in recording or not np.isfinite(recording[name]).any():
             raise DataError(
                 f"{recording.name}: channel '{name}': expected values for an energy fit, found none. "
                 "Use a recording with m_coulomb_current, m_battery and m_depth."
             )
-    rows = np.isfinite(recording["current"])
+    has_current = "current" in recording and bool(np.isfinite(recording["current"]).any())
+    rows = np.isfinite(recording["current" if has_current else "depth"])
     time = recording.time[rows]
 
     def channel(name: str, longest: float) -> NDArray[np.float64] | None:
@@ -133,7 +140,7 @@ def glider_record(recording: Recording) -> GliderRecord:
         time=time,
         depth=depth,
         voltage=voltage,
-        current=recording["current"][rows],
+        current=recording["current"][rows] if has_current else None,
         charge=recording["charge_used"][rows] if "charge_used" in recording else None,
         volume=channel("pumped_volume", 60.0),
         moving=moving,

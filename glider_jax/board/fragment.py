@@ -55,7 +55,8 @@ def vehicle_toml(model: EnergyModel, files: dict[str, str] | None = None, name: 
     for key, short in _KEYS.items():
         if key in model.estimates:
             e = model.estimates[key]
-            inner = f"value = {_number(e.value)}, sigma = {_number(e.sigma)}, source = {_text(_source(model, e.source))}"
+            source = _text(_source(model, e.source))
+            inner = f"value = {_number(e.value)}, sigma = {_number(e.sigma)}, source = {source}"
             lines.append(f"{short} = {{ {inner} }}  # {UNITS[key]}")
     if INTERCEPT in model.estimates:
         a, b = model.estimates[INTERCEPT], model.estimates[SLOPE]
