@@ -93,6 +93,12 @@ _OPEN_SENSOR = re.compile(r"sensor:\w{1,64}+\([^()\s]{0,24}+\)=", re.ASCII)
 _NOISE = {c: None for c in (*range(9), 11, 12, *range(14, 32), *range(127, 160))}
 
 
+_PREFIX = r"^\d{4}-\d\d-\d\d[T ][0-9:.,+Z\-]{5,24}+[ \t]{1,8}+(?:\[?[A-Z]{1,8}+\]?[ \t]{1,8}+)?sfmc\.[\w\-]{1,48}+\."
+#: A monitor writes its own words between those of the glider, each with a time and the name of its channel.
+_DIALOG_CHANNEL = re.compile(rf"{_PREFIX}DIALOG:?[ \t]?", re.ASCII | re.MULTILINE)
+_OTHER_CHANNEL = re.compile(rf"{_PREFIX}[^\n]{{0,10000}}+", re.ASCII | re.MULTILINE)
+
+
 class Token(NamedTuple):
     """One line that was understood: its kind, where it starts and ends, and the groups of its pattern."""
 
@@ -103,9 +109,13 @@ class Token(NamedTuple):
 
 
 def clean(text: str) -> tuple[str, int]:
-    """The text without control characters, with all line ends as line feeds, and how many characters went."""
+    """The text without control characters and prefixes of a monitor, lines ended by line feeds; how many went."""
     bare = text.translate(_NOISE)
-    return bare.replace("\r", "\n"), len(text) - len(bare)
+    count = len(text) - len(bare)
+    bare = bare.replace("\r", "\n")
+    if "sfmc." in bare:
+        bare = _OTHER_CHANNEL.sub("", _DIALOG_CHANNEL.sub("", bare))
+    return bare, count
 
 
 def tokens(text: str) -> list[Token]:

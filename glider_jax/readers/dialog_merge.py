@@ -1,7 +1,7 @@
 """Printouts of the surface dialog merged into surfacings.
 
-Standard library only. A glider prints its state every minute while it waits, and a server repeats old text after a
-reconnect: so equal clocks are one printout, and one surfacing is all printouts between two dives. The last printout
+Standard library and records only. A glider prints its state every minute while it waits, and a server repeats old text
+after a reconnect: so equal clocks are one printout, and one surfacing is all printouts between two dives. The last printout
 wins for each datum; a position fix is settled by a vote of all printouts that show the same fix.
 """
 
@@ -167,7 +167,7 @@ def _dived(before: Dump, after: Dump) -> bool:
 
 
 def _with_undated(groups: list[list[Dump]], undated: list[Dump], counts: Counter[str]) -> list[list[Dump]]:
-    """Undated printouts put first in the surfacing that was printed just before them, or else just after."""
+    """Undated printouts put where they were printed: in the surfacing just before them, or else just after."""
     orders = sorted((d.order, i) for i, group in enumerate(groups) for d in group)
     alone: list[list[Dump]] = []
     for dump in undated:
@@ -176,7 +176,9 @@ def _with_undated(groups: list[list[Dump]], undated: list[Dump], counts: Counter
         near = [orders[k][1] for k in (at - 1, at) if 0 <= k < len(orders)]
         home = next((g for g in near if _may_join(groups[g], dump)), None)
         if home is not None:
-            groups[home].insert(0, dump)
+            group = groups[home]
+            earlier = [i for i, d in enumerate(group) if d.order < dump.order]
+            group.insert(earlier[-1] + 1 if earlier else 0, dump)
         elif alone and _may_join(alone[-1], dump):
             alone[-1].append(dump)
         else:
@@ -190,13 +192,14 @@ def _may_join(group: list[Dump], dump: Dump) -> bool:
 
 
 def _merged(group: list[Dump], counts: Counter[str]) -> Surfacing:
-    """One surfacing of its printouts, oldest first, undated ones before all."""
+    """One surfacing of its printouts, oldest first. Words go by this order; numbers of a dated printout go first."""
     dated = [d for d in group if d.dated]
+    ranked = [d for d in group if not d.dated] + dated
     now = dated[-1].time if dated else math.nan
     notes: list[str] = []
-    fixes = _fixes(group, now, counts, notes)
-    places = {kind: _place(group, kind, now) for kind in ("dead_reckoned", "too_far", "invalid")}
-    sensors = _sensors(group, now)
+    fixes = _fixes(ranked, now, counts, notes)
+    places = {kind: _place(ranked, kind, now) for kind in ("dead_reckoned", "too_far", "invalid")}
+    sensors = _sensors(ranked, now)
     here = fixes[-1] if fixes else places["dead_reckoned"]
     stated = [d for d in group if d.state != UNKNOWN]
     resumed = [i for i, d in enumerate(group) if d.resumed]
@@ -206,7 +209,7 @@ def _merged(group: list[Dump], counts: Counter[str]) -> Surfacing:
         mission_number=_vote([d.mission_number for d in group]),
         time=now,
         first_time=dated[0].time if dated else math.nan,
-        mission_time=_last([d.mission_time for d in group]),
+        mission_time=_last([d.mission_time for d in ranked]),
         reason=_vote([d.reason for d in group]),
         behavior=_vote([d.behavior for d in group]),
         start_when=_last([d.start_when for d in group]),
@@ -220,9 +223,9 @@ def _merged(group: list[Dump], counts: Counter[str]) -> Surfacing:
             name: Datum(*to_si(value, unit), math.inf, math.nan, value, unit)
             for d in group
             for name, (value, unit) in d.defaults.items()
-            if name not in sensors
+            if name not in sensors and math.isfinite(to_si(value, unit)[0])
         },
-        waypoint=_waypoint(group, sensors, here),
+        waypoint=_waypoint(ranked, sensors, here),
         water_velocity=_velocity(sensors, "m_water_v"),
         initial_water_velocity=_velocity(sensors, "m_initial_water_v"),
         final_water_velocity=_velocity(sensors, "m_final_water_v"),

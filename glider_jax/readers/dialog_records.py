@@ -9,9 +9,7 @@ Names, reasons and errors are the glider's words in printable ASCII: never use t
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
-
-from glider_jax.records import Repair, Source
+from dataclasses import dataclass, field
 
 #: Whether a mission is running: what the newest evidence of a surfacing says.
 IN_MISSION, NOT_IN_MISSION, UNKNOWN = "in mission", "not in mission", "unknown"
@@ -230,40 +228,3 @@ class Surfacing:
         if lat is None or lon is None or (lat.value == 0.0 and lon.value == 0.0):
             return None
         return Position(lat.value, lon.value, lat.age, lat.time)
-
-
-@dataclass(frozen=True)
-class DialogLog:
-    """A dialog log: its surfacings in time order, and what was mended or left out on the way.
-
-    ``dumps`` are the printouts behind the surfacings, each counted once; ``vehicles`` every name heard.
-    ``repairs`` counts everything mended or left out; ``reading_repairs`` is the part of it that concerns single lines.
-    """
-
-    surfacings: tuple[Surfacing, ...]
-    dumps: tuple[Dump, ...]
-    vehicles: tuple[str, ...]
-    repairs: tuple[Repair, ...]
-    reading_repairs: tuple[Repair, ...]
-    source: Source
-
-    @property
-    def latest(self) -> Surfacing | None:
-        """The newest surfacing, or None."""
-        return self.surfacings[-1] if self.surfacings else None
-
-    def until(self, moment: float) -> DialogLog:
-        """The log as it stood at ``moment``: nothing the glider printed later is used.
-
-        Readings and words that came after the last clock before ``moment`` and cannot be dated stay with that clock.
-        """
-        from glider_jax.readers.dialog_merge import surfacings_of
-
-        later = min((d.order for d in self.dumps if d.dated and d.time > moment), default=len(self.dumps) + 1)
-        kept = tuple(
-            replace(d, reports=tuple(r for r in d.reports if d.time + r[0] <= moment))
-            for d in self.dumps
-            if (d.time <= moment if d.dated else d.order < later)
-        )
-        surfacings, repairs = surfacings_of(kept)
-        return replace(self, surfacings=surfacings, dumps=kept, repairs=self.reading_repairs + repairs)

@@ -1,62 +1,73 @@
 """Surface dialogs of Slocum gliders: terminal logs, network logs and mission logs (``.mlg``) to typed surfacings.
 
-Standard library only, so that the command starts at once. Logs are torn: lines may be garbled, cut, repeated or
-replayed out of order, and any byte may stand in them. What cannot be read is left out and counted; nothing but
-:class:`DataError` is raised, and only for a file that cannot be opened. A log without a printout gives no surfacings.
+Standard library and records only, so that the command starts at once. Logs are torn: lines may be garbled, cut,
+repeated or replayed out of order, and any byte may stand in them. What cannot be read is left out and counted; nothing
+but :class:`DataError` is raised, and only for a file that cannot be opened. A log without a printout of the dialog
+gives no surfacings.
 """
 
 from __future__ import annotations
 
-import bisect
-import math
 import os
-import re
 from collections import Counter
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from glider_jax.errors import DataError
-from glider_jax.readers.dialog_grammar import (
-    NEVER,
-    UNSET,
-    Token,
-    clean,
-    garbled,
-    known_age,
-    moment,
-    number,
-    place,
-    printable,
-    tokens,
-)
-from glider_jax.readers.dialog_merge import mended_clocks, similar, surfacings_of, without_copies
-from glider_jax.readers.dialog_records import (
-    IN_MISSION,
-    NOT_IN_MISSION,
-    DeviceCounts,
-    DialogLog,
-    Dump,
-)
+from glider_jax.readers.dialog_grammar import clean, garbled, tokens
+from glider_jax.readers.dialog_merge import SAME_START, mended_clocks, similar, surfacings_of, without_copies
+from glider_jax.readers.dialog_records import Dump, Surfacing
+from glider_jax.readers.dialog_stream import Stream
 from glider_jax.records import Repair, Source
 
 LARGEST_FILE = 512 * 1024 * 1024
-#: s; single readings later than this after a printout are not tied to its clock.
-LONGEST_REPORT = 7200.0
-#: Characters between the first position and a clock line that was printed out of order.
-OUT_OF_ORDER = 300
 
-_KINDS = {"Location": "gps", "TooFar": "too_far", "Invalid": "invalid"}
-_NUMBER = re.compile(r"(\S{1,48})-\d{4}-\d{1,3}-\d{1,5}-\d{1,6}", re.ASCII)
 _DETAILS = {
     "control characters": "taken out before reading",
     "garbled line": "begins a datum of the dialog but does not complete it",
     "impossible value": "a position, number or age that cannot be",
     "replayed printout": "same glider and clock as an earlier one; gaps were filled from it",
     "other glider": "printouts of another glider than the one asked for",
-    "garbled name": "one character off the name of the glider",
+    "garbled name": "one character off the name of the glider in the same mission",
     "mended clock": "contradicts both neighbours, set from the mission time",
 }
+
+
+@dataclass(frozen=True)
+class DialogLog:
+    """A dialog log: its surfacings in time order, and what was mended or left out on the way.
+
+    ``dumps`` are the printouts as read, in the order of the log; ``vehicles`` every name among the surfacings.
+    ``repairs`` counts everything mended or left out, ``reading_repairs`` the part of it that concerns single lines.
+    ``asked`` is the glider whose surfacings were asked for.
+    """
+
+    surfacings: tuple[Surfacing, ...]
+    vehicles: tuple[str, ...]
+    repairs: tuple[Repair, ...]
+    source: Source
+    dumps: tuple[Dump, ...]
+    reading_repairs: tuple[Repair, ...] = ()
+    asked: str | None = None
+
+    @property
+    def latest(self) -> Surfacing | None:
+        """The newest surfacing, or None."""
+        return self.surfacings[-1] if self.surfacings else None
+
+    def until(self, moment: float) -> DialogLog:
+        """The log as it stood at ``moment``: nothing the glider printed at a later clock is used.
+
+        Words without a clock of their own (prompts, menus) stay with the clock printed before them.
+        """
+        later = min((d.order for d in self.dumps if d.dated and d.time > moment), default=len(self.dumps))
+        kept = tuple(
+            replace(d, reports=tuple(r for r in d.reports if d.time + r[0] <= moment))
+            for d in self.dumps
+            if (d.time <= moment if d.dated else d.order < later)
+        )
+        return _log(kept, self.asked, self.reading_repairs, self.source)
 
 
 def read_dialog(source: str | bytes | os.PathLike[str], *, vehicle: str | None = None) -> DialogLog:
@@ -66,7 +77,7 @@ def read_dialog(source: str | bytes | os.PathLike[str], *, vehicle: str | None =
     ----------
     source : a path (``pathlib.Path``) to a log, or its text or bytes. A ``str`` is always text and never opened, so
         that no text of a glider can name a file.
-    vehicle : keep the printouts of this glider only.
+    vehicle : keep the printouts of this glider only, and those that name none.
 
     Returns
     -------
@@ -80,17 +91,13 @@ def read_dialog(source: str | bytes | os.PathLike[str], *, vehicle: str | None =
     text, noise = clean(raw)
     found = tokens(text)
     torn = garbled(text, found)
-    counts: Counter[str] = Counter({"control characters": noise, "garbled line": len(torn)})
-    dumps = _Stream(counts).read(found, torn)
-    dumps = _of_vehicle(dumps, vehicle, counts)
-    dumps, clocks = mended_clocks(dumps)
-    dumps, copies = without_copies(dumps)
-    dumps = _named(dumps, counts)
-    counts["mended clock"], counts["replayed printout"] = clocks, copies
-    repairs = tuple(Repair(kind, n, _DETAILS[kind]) for kind, n in counts.items() if n)
-    surfacings, merged = surfacings_of(dumps)
-    vehicles = tuple(dict.fromkeys(d.vehicle for d in dumps if d.vehicle))
-    return DialogLog(surfacings, tuple(dumps), vehicles, repairs + merged, repairs, origin)
+    counts = Counter({"control characters": noise, "garbled line": len(torn)})
+    dumps = Stream(counts).read(found, torn)
+    return _log(tuple(dumps), vehicle, _repairs(counts), origin)
+
+
+def _repairs(counts: Counter[str]) -> tuple[Repair, ...]:
+    return tuple(Repair(kind, n, _DETAILS[kind]) for kind, n in counts.items() if n)
 
 
 def _content(source: str | bytes | os.PathLike[str]) -> tuple[str, Source]:
@@ -109,287 +116,55 @@ def _content(source: str | bytes | os.PathLike[str]) -> tuple[str, Source]:
     return raw.decode("latin-1"), Source("Slocum surface dialog", {str(path): digest})
 
 
-@dataclass
-class _Draft:
-    """A printout while its lines come in."""
-
-    start: int
-    names: list[str] = field(default_factory=list)
-    slots: dict[str, Any] = field(default_factory=dict)
-    positions: dict[str, tuple[float, float, float]] = field(default_factory=dict)
-    sensors: dict[str, tuple[float, str, float]] = field(default_factory=dict)
-    defaults: dict[str, tuple[float, str]] = field(default_factory=dict)
-    reports: list[tuple[float, str, float, str]] = field(default_factory=list)
-    aborts: dict[str, str] = field(default_factory=dict)
-    errors: list[str] = field(default_factory=list)
-    seen: dict[str, tuple[str | None, ...]] = field(default_factory=dict)
-
-    @property
-    def has_body(self) -> bool:
-        return bool(
-            self.sensors or self.defaults or {"gps", "dead_reckoned", "too_far", "invalid"} & self.seen.keys()
-        )
-
-    def judge(self, state: str, evidence: str, code: int | None = None) -> None:
-        """Set whether a mission is running; the newest evidence stands."""
-        self.slots |= {"state": state, "evidence": evidence, "abort_code": code}
-
-
-class _Stream:
-    """Turns tokens into printouts, remembering what the log last said about glider, mission and prompt."""
-
-    def __init__(self, counts: Counter[str]) -> None:
-        self.counts = counts
-        self.drafts: list[_Draft] = []
-        self.open = False
-        self.heard: list[str] = []
-        self.vehicle = ""
-        self.mission: dict[str, str] = {}
-        self.at_prompt = ""
-        self.clock_holds = False
-
-    def read(self, found: list[Token], torn: list[int]) -> list[Dump]:
-        """All printouts in the order of the log."""
-        for token in found:
-            getattr(self, f"_{token.kind}", self._mark)(token)
-        starts = [d.start for d in self.drafts]
-        hurt = Counter(bisect.bisect(starts, where) - 1 for where in torn)
-        return [self._dump(i, draft, hurt[i]) for i, draft in enumerate(self.drafts)]
-
-    def _dump(self, order: int, draft: _Draft, hurt: int) -> Dump:
-        return Dump(
-            order=order,
-            positions=draft.positions,
-            sensors=draft.sensors,
-            defaults=draft.defaults,
-            reports=tuple(draft.reports),
-            aborts=draft.aborts,
-            errors=tuple(dict.fromkeys(draft.errors))[:20],
-            garbled=hurt,
-            vehicle=Counter(draft.names).most_common(1)[0][0] if draft.names else "",
-            **draft.slots,
-        )
-
-    def _last(self) -> _Draft | None:
-        return self.drafts[-1] if self.drafts else None
-
-    def _draft(self, token: Token, slot: str) -> _Draft:
-        """The printout this line belongs to: the open one, or a new one if it is past this line already."""
-        now = self.drafts[-1] if self.open else None
-        if now is not None and slot not in now.seen:
-            head = slot in ("because", "mission", "time")
-            late_clock = slot == "time" and not now.sensors and token.start - now.start < OUT_OF_ORDER
-            if not head or not now.has_body or late_clock:
-                now.seen[slot] = token.groups
-                return now
-        now = _Draft(token.start, names=self.heard or ([self.vehicle] if self.vehicle else []))
-        now.slots.update(self.mission)
-        if self.at_prompt:
-            now.judge(NOT_IN_MISSION, self.at_prompt)
-        elif self.mission:
-            now.judge(IN_MISSION, "mission log")
-        now.seen[slot] = token.groups
-        self.heard, self.open, self.clock_holds = [], True, False
-        self.drafts.append(now)
-        return now
-
-    def _name(self, token: Token) -> None:
-        name = printable(token.groups[0] or "")
-        now = self._last()
-        self.vehicle = name
-        if self.open and now is not None and not now.has_body and "time" not in now.seen:
-            now.names.append(name)
-            return
-        self.open = False
-        self.heard = [*self.heard[-1:], name]
-
-    _vehicle = _surface = _name
-
-    def _connection(self, token: Token) -> None:
-        if token.groups[0] == "found":
-            self.open, self.at_prompt, self.heard = False, "", []
-
-    def _because(self, token: Token) -> None:
-        now = self._draft(token, "because")
-        text, behavior, code = token.groups
-        now.slots |= {"reason": printable(text or ""), "behavior": behavior or "", "start_when": number(code)}
-        self._running(now, "reason of the surfacing")
-
-    def _running(self, now: _Draft | None, evidence: str) -> None:
-        self.at_prompt = ""
-        if now is not None:
-            now.judge(IN_MISSION, evidence)
-
-    def _mission(self, token: Token) -> None:
-        now = self._draft(token, "mission")
-        name, label, files = token.groups
-        now.slots["mission"] = printable(name or "")
-        if parts := _NUMBER.fullmatch(label or ""):
-            now.slots |= {"mission_number": printable(label or ""), "file_number": files or ""}
-            now.names.append(printable(parts[1]))
-        self._running(now, "mission name")
-
-    def _log_mission(self, token: Token) -> None:
-        self.mission["mission"] = printable(token.groups[0] or "")
-
-    def _log_number(self, token: Token) -> None:
-        if _NUMBER.fullmatch(token.groups[0] or ""):
-            self.mission["mission_number"] = printable(token.groups[0] or "")
-
-    def _time(self, token: Token) -> None:
-        when = moment(token.groups)
-        now = self._draft(token, "time")
-        if when is None:
-            self.counts["garbled line"] += 1
-            return
-        now.slots |= {"time": when, "mission_time": number(token.groups[7])}
-        self.clock_holds = True
-
-    def _dr(self, token: Token) -> None:
-        self._position(token, "dead_reckoned")
-
-    def _gps(self, token: Token) -> None:
-        self._position(token, _KINDS[token.groups[0] or ""])
-
-    def _position(self, token: Token, kind: str) -> None:
-        now = self._last()
-        if self.open and now is not None and now.seen.get(kind) == token.groups:
-            return
-        now = self._draft(token, kind)
-        _, latitude, longitude, printed = token.groups
-        age = number(printed)
-        if abs(number(latitude)) >= UNSET or abs(number(longitude)) >= UNSET or age >= NEVER:
-            return
-        where = place(latitude or "", longitude or "")
-        if where is None or not known_age(age):
-            self.counts["impossible value"] += 1
-            return
-        now.positions[kind] = (*where, age)
-
-    def _sensor(self, token: Token) -> None:
-        now = self._last()
-        if not self.open or now is None:
-            now = self._draft(token, "sensors")
-        name, unit, value, age = token.groups[0] or "", token.groups[1] or "", *map(number, token.groups[2:])
-        if not math.isfinite(value) or math.isnan(age):
-            self.counts["impossible value"] += math.isnan(age)
-        elif abs(value) == UNSET or abs(value) >= NEVER:
-            now.defaults.pop(name, None)
-        elif age >= NEVER:
-            now.defaults[name] = (value, printable(unit))
-        elif known_age(age):
-            now.sensors[name] = (value, printable(unit), age)
-        else:
-            self.counts["impossible value"] += 1
-
-    def _report(self, token: Token) -> None:
-        now = self._last()
-        clock, name, value = token.groups[0], token.groups[1] or "", number(token.groups[2])
-        if now is None or not self.clock_holds or not math.isfinite(value) or abs(value) == UNSET:
-            return
-        later = number(clock) - now.slots.get("mission_time", math.nan)
-        if -1.0 <= later <= LONGEST_REPORT:
-            now.reports.append((max(0.0, later), name, value, printable(token.groups[3] or "")))
-
-    def _waypoint(self, token: Token) -> None:
-        now = self._last()
-        latitude, longitude, distance, unit, bearing, hours, minutes = token.groups
-        where = place(latitude or "", longitude or "")
-        if now is None or where is None:
-            return
-        way = number(distance) * (1000.0 if unit == "km" else 1.0)
-        age = number(hours) * 3600.0 + number(minutes) * 60.0
-        now.slots["waypoint"] = (*where, way, math.radians(number(bearing)), age)
-
-    def _abort(self, token: Token) -> None:
-        if now := self._last():
-            now.aborts[token.groups[0] or ""] = token.groups[1] or ""
-
-    def _devices(self, token: Token) -> None:
-        if now := self._last():
-            n = [int(g or 0) for g in token.groups]
-            now.slots["devices"] = DeviceCounts((n[0], n[1], n[2]), (n[3], n[4], n[5]), (n[6], n[7], n[8]))
-
-    def _water(self, token: Token) -> None:
-        if now := self._last():
-            now.slots["water_complete"] = token.groups[0] is None
-
-    def _postfix(self, token: Token) -> None:
-        if now := self._last():
-            now.slots["water_complete"] = False
-
-    def _resume_menu(self, token: Token) -> None:
-        self._running(self._last(), "menu to resume the mission")
-
-    def _resuming(self, token: Token) -> None:
-        now = self._last()
-        self._running(now, "mission resumed")
-        if now is not None:
-            now.slots["resumed"] = True
-        self.open = False
-
-    def _diving(self, token: Token) -> None:
-        now = self._last()
-        self._running(now, "time until diving")
-        if now is not None:
-            now.slots["time_until_diving"] = number(token.groups[0])
-
-    def _prompt(self, token: Token) -> None:
-        system, letter, code = token.groups
-        self.at_prompt = f"Glider{system} prompt"
-        if now := self._last():
-            known = code is not None and letter == "A"
-            now.judge(NOT_IN_MISSION, self.at_prompt, int(code or 0) if known else None)
-            if system == "LAB":
-                now.slots["lab_mode"] = True
-
-    def _ended(self, token: Token) -> None:
-        self.at_prompt, self.mission, self.clock_holds = "end of the mission", {}, False
-        if now := self._last():
-            now.judge(NOT_IN_MISSION, self.at_prompt)
-
-    def _started(self, token: Token) -> None:
-        self.mission, self.open, self.clock_holds = {}, False, False
-        self._running(self._last(), "mission started")
-
-    def _lab(self, token: Token) -> None:
-        if now := self._last():
-            now.slots["lab_mode"] = True
-
-    def _error(self, token: Token) -> None:
-        if now := self._last():
-            now.errors.append(printable(f"SCI ERROR:{token.groups[0]}"))
-
-    def _mark(self, token: Token) -> None:
-        """A line that only shows that the dialog goes on."""
-
-
-def _of_vehicle(dumps: list[Dump], vehicle: str | None, counts: Counter[str]) -> list[Dump]:
-    if vehicle is None:
-        return dumps
-    kept = [d for d in dumps if similar(d.vehicle.casefold(), vehicle.casefold())]
-    counts["other glider"] = len(dumps) - len(kept)
-    counts["garbled name"] = sum(bool(d.vehicle) and d.vehicle.casefold() != vehicle.casefold() for d in kept)
-    return [replace(d, vehicle=vehicle) for d in kept]
+def _log(
+    dumps: tuple[Dump, ...], vehicle: str | None, reading: tuple[Repair, ...], source: Source
+) -> DialogLog:
+    """A log of printouts as read: clocks mended, copies joined, names settled, surfacings told apart."""
+    counts: Counter[str] = Counter()
+    mended, counts["mended clock"] = mended_clocks(list(dumps))
+    single, counts["replayed printout"] = without_copies(mended)
+    named = _named(single, counts)
+    kept = named if vehicle is None else _of_vehicle(named, vehicle, counts)
+    surfacings, merged = surfacings_of(kept)
+    vehicles = tuple(dict.fromkeys(d.vehicle for d in kept if d.vehicle))
+    return DialogLog(
+        surfacings, vehicles, reading + _repairs(counts) + merged, source, dumps, reading, vehicle
+    )
 
 
 def _named(dumps: list[Dump], counts: Counter[str]) -> list[Dump]:
-    """Printouts whose name was lost or garbled get the name of the glider whose clock and mission time they share."""
+    """Printouts whose name was lost or garbled get the name of the glider whose mission start they share.
+
+    Names of a fleet often differ by one character, so a name is taken for garbled only where it stands alone and
+    another glider of nearly this name began its mission at the same time.
+    """
     totals = Counter(d.vehicle for d in dumps if d.vehicle)
     out = []
     for dump in dumps:
         name = dump.vehicle
         if not name and len(totals) == 1:
             name = next(iter(totals))
-        elif name and totals[name] == 1:
-            near = [n for n, c in totals.items() if c > 1 and similar(n, name)]
-            kin = [d for d in dumps if d.vehicle in near and _same_run(d, dump)]
-            if kin:
-                counts["garbled name"] += 1
-                name = kin[0].vehicle
+        elif name and totals[name] == 1 and len(totals) > 1:
+            kin = (
+                d.vehicle
+                for d in dumps
+                if totals[d.vehicle] > 1 and similar(d.vehicle, name) and _same(d, dump)
+            )
+            name = next(kin, name)
+            counts["garbled name"] += name != dump.vehicle
         out.append(dump if name == dump.vehicle else replace(dump, vehicle=name))
     return out
 
 
-def _same_run(one: Dump, other: Dump) -> bool:
-    return abs((one.time - one.mission_time) - (other.time - other.mission_time)) <= 120.0
+def _same(one: Dump, other: Dump) -> bool:
+    return abs((one.time - one.mission_time) - (other.time - other.mission_time)) <= SAME_START
+
+
+def _of_vehicle(dumps: Iterable[Dump], vehicle: str, counts: Counter[str]) -> list[Dump]:
+    kept = []
+    for dump in dumps:
+        if dump.vehicle and dump.vehicle.casefold() != vehicle.casefold():
+            counts["other glider"] += 1
+        else:
+            kept.append(replace(dump, vehicle=vehicle))
+    return kept

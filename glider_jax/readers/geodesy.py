@@ -1,6 +1,6 @@
 """Distance and bearing between two places on the WGS84 ellipsoid.
 
-Standard library only, for the readers that must start without NumPy's or JAX's weight behind them.
+Standard library only, for the readers that must start at once.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The state file of a dockserver (``gliderState.xml``): positions at each surfacing, next waypoint, last abort.
 
-Standard library only. The file is read as text, not as XML: a half-downloaded file then still gives every complete
-report, and no entity of it can do harm. Positions are degrees and minutes, latitude first; times are UTC. One fix
+Standard library and records only. The file is read as text, not as XML: a half-downloaded file then still gives every
+complete report, and no entity of it can do harm. Positions are degrees and minutes, latitude first; times are UTC. One fix
 stands in many reports with times that differ by a second: reports of one fix are one.
 """
 

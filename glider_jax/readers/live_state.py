@@ -20,12 +20,12 @@ from glider_jax.readers.dialog_records import (
     UNKNOWN,
     AbortHistory,
     Datum,
-    DialogLog,
     NextWaypoint,
     Position,
     Surfacing,
     WaterVelocity,
 )
+from glider_jax.readers.dialogs import DialogLog
 from glider_jax.readers.geodesy import range_and_bearing
 from glider_jax.readers.glider_state import GliderState
 from glider_jax.records import Array
@@ -70,7 +70,7 @@ class LiveState:
     dead_reckoned : newest dead-reckoned position.
     surfacing : newest surfacing of the dialogs, as printed then (its ages are at its own time); or None.
     state : ``in mission``, ``not in mission`` or ``unknown``, from that surfacing; ``resumed`` if it dived again.
-    sensors : newest reading of each sensor of all surfacings.
+    sensors : newest reading of each sensor of all surfacings; ``defaults`` values never set since the glider started.
     waypoint : newest; range and true bearing from the newest position.
     water_velocity : newest ``m_water_v``, along the glider's axes; ``water_complete`` as of the last surfacing.
     last_heard : newest clock printed, report or fix, s; NaN where nothing is dated.
@@ -87,6 +87,7 @@ class LiveState:
     state: str
     resumed: bool
     sensors: dict[str, Datum]
+    defaults: dict[str, Datum]
     waypoint: NextWaypoint | None
     water_velocity: WaterVelocity | None
     water_complete: bool | None
@@ -98,6 +99,12 @@ class LiveState:
     def in_mission(self) -> bool:
         """Whether the newest evidence shows a running mission."""
         return self.surfacing is not None and self.surfacing.in_mission
+
+    @property
+    def capacity(self) -> Datum | None:
+        """Battery capacity entered by the user, C."""
+        name = "f_coulomb_battery_capacity"
+        return self.sensors.get(name) or self.defaults.get(name)
 
     def fix(self, oldest: float | None = None) -> Position:
         """The newest fix.
@@ -154,7 +161,7 @@ def latest_state(
         if count:
             notes.append(f"{count} printouts of the dialog are later than the given time and were not used")
         logs, states = [log.until(now) for log in logs], [s.until(now) for s in states]
-    surfacings = [s for log in logs for s in log.surfacings if s.vehicle in ("", name)]
+    surfacings = [s for log in logs for s in log.surfacings if s.vehicle.casefold() in ("", name.casefold())]
     surfacings.sort(key=lambda s: s.time if math.isfinite(s.time) else -math.inf)
     fixes = _fixes(surfacings, states, recorded, now)
     heard = [s.time for s in surfacings] + [s.time for s in states] + [f.time for f, _ in fixes]
@@ -178,6 +185,7 @@ def latest_state(
         state=newest.state if newest is not None else UNKNOWN,
         resumed=newest is not None and newest.resumed,
         sensors={n: _aged(d, at) for n, d in sorted(sensors.items())},
+        defaults={n: d for s in surfacings for n, d in s.defaults.items() if n not in sensors},
         waypoint=_waypoint(surfacings, states, here),
         water_velocity=_aged(water[-1], at) if water else None,
         water_complete=newest.water_complete if newest is not None else None,
