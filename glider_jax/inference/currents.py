@@ -125,13 +125,24 @@ def observe(segments, *, latest: int = _LATEST) -> Observations:
         east, north = one.current_east, one.current_north
         if not (np.isfinite(east) and np.isfinite(north)):
             east, north = one.glider_current_east, one.glider_current_north
-        span = max(one.duration, 60.0)
         if np.isfinite(east) and np.isfinite(north) and np.hypot(east, north) < 3.0:
-            sd = float(np.hypot(_OWN_SD, _FIXES_SD / span)) * (2.0 if one.gap or one.dives > 1 else 1.0)
-            rows.append((one.dive_time, one.surface_time, east, north, sd, False))
+            row = felt(one.dive_time, one.surface_time, east, north)
+            rows.append((*row[:4], row[4] * (2.0 if one.gap or one.dives > 1 else 1.0), False))
         if np.isfinite(one.drift_east) and np.isfinite(one.drift_north):
-            rows.append((one.dive_time - 300.0, one.dive_time - 300.0, one.drift_east, one.drift_north, _DRIFT_SD, True))
+            rows.append(drifted(one.dive_time - 300.0, one.drift_east, one.drift_north))
     return observations(rows)
+
+
+def drifted(moment: float, east: float, north: float) -> tuple[float, float, float, float, float, bool]:
+    """A row for :func:`observations`: surface drift in m/s about a moment."""
+    return moment, moment, east, north, _DRIFT_SD, True
+
+
+def felt(
+    begin: float, end: float, east: float, north: float
+) -> tuple[float, float, float, float, float, bool]:
+    """A row for :func:`observations`: a depth average in m/s over a dive."""
+    return begin, end, east, north, float(np.hypot(_OWN_SD, _FIXES_SD / max(end - begin, 60.0))), False
 
 
 def observations(rows) -> Observations:
@@ -171,7 +182,9 @@ def estimate_currents(
     covariance = np.tensordot(scale, own, 1) + np.diag(seen.sd**2)
     root = np.linalg.cholesky(covariance) if seen.size else np.zeros((len(grid), 0, 0))
     log_det = np.log(np.diagonal(root, axis1=1, axis2=2)).sum(1)
-    scores = np.stack([-0.5 * np.sum(np.linalg.solve(root, left.T) ** 2, (1, 2)) - 2.0 * log_det for _, left in means])
+    scores = np.stack(
+        [-0.5 * np.sum(np.linalg.solve(root, left.T) ** 2, (1, 2)) - 2.0 * log_det for _, left in means]
+    )
     weights = np.exp(scores - scores.max())
     weights /= weights.sum()
     kept = [(m, g) for m, g in zip(*np.nonzero(weights > 0.003 * weights.max()), strict=True)]
@@ -187,7 +200,8 @@ def estimate_currents(
     share /= share.sum()
     mean = sum(w * c.mean for w, c in zip(share, choices, strict=True))
     spread = sum(
-        w * (np.sum(c.root**2, 1) + np.mean((c.mean - mean) ** 2, 0)) for w, c in zip(share, choices, strict=True)
+        w * (np.sum(c.root**2, 1) + np.mean((c.mean - mean) ** 2, 0))
+        for w, c in zip(share, choices, strict=True)
     )
     k = time.size
     depth_averages = ~seen.surface
@@ -243,7 +257,9 @@ def _kernels(obs: _Averages, time: Array, inertial: float):
         lambda lag: np.cos(inertial * lag) * np.exp(-lag / _INERTIAL_MEMORY),
         *(lambda lag, memory=memory: np.exp(-lag / memory) for memory in _REST_MEMORY),
     ]
-    points = [np.abs(np.subtract.outer(a, b)) for a, b in ((obs.time, obs.time), (obs.time, time), (time, time))]
+    points = [
+        np.abs(np.subtract.outer(a, b)) for a, b in ((obs.time, obs.time), (obs.time, time), (time, time))
+    ]
     weight = obs.weight
     nothing = np.zeros((time.size, time.size))
     own, cross, target = [], [], []
@@ -254,7 +270,9 @@ def _kernels(obs: _Averages, time: Array, inertial: float):
     shear = [np.exp(-lag / _SHEAR_MEMORY) for lag in points]
     top = obs.surface.astype(float)
     own.append(weight @ shear[0] @ weight.T * np.outer(top, top))
-    cross.append(np.concatenate([np.zeros((weight.shape[0], time.size)), top[:, None] * (weight @ shear[1])], 1))
+    cross.append(
+        np.concatenate([np.zeros((weight.shape[0], time.size)), top[:, None] * (weight @ shear[1])], 1)
+    )
     target.append(np.block([[nothing, nothing], [nothing, shear[2]]]))
     return np.array(own), np.array(cross), np.array(target)
 

@@ -1,0 +1,393 @@
+"""From what is known at a surfacing to an ensemble of the next dives: the situation, its assembly, and the flight.
+
+A :class:`Situation` is evidence alone (last fix, waypoint, currents felt, behaviour); readers of recordings and of
+surface dialogs fill it. :func:`assemble` turns it into a mission, a prepared run and the draws of every member, and
+:func:`fly` flies them with the engine of ``glider_jax.mission``. Every member has its own course of the current, its
+own time under water, speed and heading. JAX is imported by this module only where it flies.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from glider_jax.config import Mission, Quantity, SurfaceRule, Vehicle, Yo
+from glider_jax.errors import DataError
+from glider_jax.inference.behaviour import HOUR, Behaviour, aim, learn, waypoint_at, waypoint_log
+from glider_jax.inference.currents import (
+    Estimate,
+    Observations,
+    drifted,
+    estimate_currents,
+    observations,
+    observe,
+)
+from glider_jax.readers.dead_reckoning import metres
+from glider_jax.readers.dives import between, fixes, legs, underwater, until
+from glider_jax.readers.segments import Segment, dive_segments
+from glider_jax.records import Array, Recording, Track
+
+WAYPOINTS = 4
+NODES = 65
+_FAR = 60e3
+_RADIUS = 100.0
+_WINDOW = 12 * 86400.0
+#: Share of the missions that come up at a waypoint after which nobody knows what follows.
+_COMES_UP = 0.5
+_FIX_SD = 8.0
+
+
+@dataclass(frozen=True)
+class Situation:
+    """What is known of a glider at the surface.
+
+    Attributes
+    ----------
+    time, latitude, longitude : of the last fix, UTC s and degrees.
+    departure, departure_sd : s from that fix to the dive to come.
+    surfaced : UTC s at which it came up, NaN where unknown.
+    waypoint : latitude and longitude flown to, None where unknown.
+    known_current : m/s east + i north, what the glider itself reckons with; NaN where it has none.
+    seen : currents felt so far.  behaviour : how it has been flying.
+    charge_used, capacity : C since the counter was zeroed, and C of the pack; NaN where unknown.
+    name : of the glider.  ages : s before ``time``'s evidence, by what it is.
+    assumed : sentences on what was assumed.  files : digests of the inputs.  segments : those it rests on.
+    """
+
+    time: float
+    latitude: float
+    longitude: float
+    departure: float
+    departure_sd: float
+    surfaced: float
+    waypoint: tuple[float, float] | None
+    known_current: complex
+    seen: Observations
+    behaviour: Behaviour
+    charge_used: float = math.nan
+    capacity: float = math.nan
+    name: str = "glider"
+    ages: dict[str, float] = field(default_factory=dict)
+    assumed: tuple[str, ...] = ()
+    files: dict[str, str] = field(default_factory=dict)
+    segments: tuple[Segment, ...] = ()
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A situation made ready to fly: the run, and per member (n,) what distinguishes it.
+
+    ``duration`` s under water in the first dive, NaN where the mission's own rules decide; ``by_waypoint`` whether
+    that is the time to the waypoint. ``currents``, ``shear`` (n, 2, nodes) m/s at ``times``; ``east``, ``north`` m of
+    the dive from the frame's origin; ``heading`` rad clockwise; ``lag`` s to the first fix.
+    """
+
+    run: Any
+    situation: Situation
+    estimate: Estimate
+    times: Array
+    duration: Array
+    by_waypoint: Array
+    speed: Array
+    heading: Array
+    aimed: complex
+    currents: Array
+    shear: Array
+    east: Array
+    north: Array
+    lag: float
+    ruled: bool
+
+
+@dataclass(frozen=True)
+class Flown:
+    """An ensemble and what becomes of its first surfacing: first fix after it, (n,) UTC s and degrees, NaN if none."""
+
+    track: Track
+    fix_time: Array
+    fix_latitude: Array
+    fix_longitude: Array
+    scenario: Scenario
+
+
+def situation_of(
+    recording: Recording, moment: float | None = None, *, variation: float | None = None
+) -> Situation:
+    """The situation at the last fix of a recording up to a moment; nothing later is looked at.
+
+    Parameters
+    ----------
+    recording : of any kind.  moment : UTC s, None for its end.  variation : rad, magnetic = true + variation.
+
+    Raises
+    ------
+    DataError : there is no fix up to the moment.
+    """
+    known = recording if moment is None else until(recording, moment)
+    if known.time.size:
+        known = between(known, known.time[-1] - _WINDOW, known.time[-1])
+    time, latitude, longitude = fixes(known)
+    if time.size == 0:
+        raise DataError(
+            f"{recording.name}: expected a GPS fix to forecast from, found none. Give files that hold the last "
+            "surfacing."
+        )
+    now = float(time[-1])
+    segments = dive_segments(known, variation=variation)
+    behaviour = learn(known, segments, legs(known), now)
+    seen = observe(segments)
+    spans = underwater(known)
+    over = spans[spans[:, 1] <= now + 1.0]
+    surfaced = float(over[-1, 1]) if over.size else math.nan
+    drift = surface_drift(
+        time, latitude, longitude, max(surfaced, now - 1800.0) if over.size else now - 1800.0
+    )
+    if np.isfinite(drift):
+        seen = observations([*_rows(seen), drifted(now - 300.0, drift.real, drift.imag)])
+    log = waypoint_log(known)
+    last = segments[-1] if segments else None
+    current = (
+        complex(last.glider_current_east, last.glider_current_north) if last else complex(math.nan, math.nan)
+    )
+    assumed = list(behaviour.assumed)
+    turn = last.variation if last else None
+    if turn is not None and turn.how in ("assumed", "estimated"):
+        assumed.append(
+            f"magnetic variation not recorded: {math.degrees(turn.value):+.1f} degrees west {turn.how}"
+            + (" from its dead reckoning" if turn.how == "estimated" else "; give --variation-deg")
+        )
+    charge = _last(known, "charge_used")
+    point = waypoint_at(log, now + 1.0)
+    ages = {"fix": 0.0}
+    if last is not None:
+        ages["depth-averaged current"] = now - 0.5 * (last.dive_time + last.surface_time)
+    if point is not None:
+        ages["waypoint"] = now - float(log[0][np.searchsorted(log[0], now + 1.0, side="right") - 1])
+    return Situation(
+        time=now, latitude=float(latitude[-1]), longitude=float(longitude[-1]), departure=behaviour.departure,
+        departure_sd=0.3 * behaviour.departure, surfaced=surfaced, waypoint=point, known_current=current, seen=seen,
+        behaviour=behaviour, charge_used=charge, capacity=_last(known, "battery_capacity"), name=recording.name,
+        ages=ages, assumed=tuple(assumed), files=dict(recording.source.files), segments=tuple(segments),
+    )  # fmt: skip
+
+
+def _rows(seen: Observations):
+    return zip(seen.begin, seen.end, seen.east, seen.north, seen.sd, seen.surface, strict=True)
+
+
+def _last(recording: Recording, name: str) -> float:
+    if name not in recording:
+        return math.nan
+    good = recording[name][np.isfinite(recording[name])]
+    return float(good[-1]) if good.size else math.nan
+
+
+def surface_drift(time: Array, latitude: Array, longitude: Array, since: float) -> complex:
+    """Drift in m/s, east + i north, of the fixes since a moment: medians over pairs; NaN with too few."""
+    mine = time >= since
+    moments = time[mine]
+    if moments.size < 3 or moments[-1] - moments[0] < 120.0:
+        return complex(math.nan, math.nan)
+    # Pairs of very many fixes say nothing new.
+    pick = np.unique(np.linspace(0, moments.size - 1, 60).astype(int))
+    east, north = metres(
+        latitude[mine], longitude[mine], (float(latitude[mine][0]), float(longitude[mine][0]))
+    )
+    moments, east, north = moments[pick], east[pick], north[pick]
+    i, j = np.triu_indices(moments.size, 1)
+    wide = moments[j] - moments[i] > 60.0
+    i, j = i[wide], j[wide]
+    if i.size == 0:
+        return complex(math.nan, math.nan)
+    lapse = moments[j] - moments[i]
+    drift = complex(np.median((east[j] - east[i]) / lapse), np.median((north[j] - north[i]) / lapse))
+    return drift if abs(drift) < 2.5 else complex(math.nan, math.nan)
+
+
+def assemble(
+    situation: Situation,
+    vehicle: Vehicle,
+    *,
+    n: int,
+    seed: int = 0,
+    horizon: float | None = None,
+    interval: float | None = None,
+    mission: Mission | None = None,
+    product=None,
+    bathymetry=None,
+) -> Scenario:
+    """Draw every member of a forecast and prepare its run.
+
+    Parameters
+    ----------
+    vehicle : for energies; speeds come from the situation.
+    n, seed : members and the seed of all draws.
+    horizon : s to forecast; None: as long as the next surfacing takes, in a fixed number of outputs.
+    mission : as flown, if known; its surfacing rules and waypoints are then used.
+    product : None or a function of UTC s (m,) giving (2, m) m/s of a current product where the glider will be.
+    """
+    from glider_jax.mission.forecast import prepare
+
+    rng = np.random.default_rng([seed, 20_241])
+    known = situation.behaviour
+    duration, astray = known.durations(n, rng)
+    speed = known.speeds(n, rng)
+    if horizon is None:
+        horizon = float(np.quantile(duration, 0.985)) * 1.15 + 0.5 * HOUR
+        interval = horizon / 24.0
+    start = situation.time + situation.departure
+    times = start + np.linspace(0.0, horizon + 1.0, NODES)
+    estimate = estimate_currents(situation.seen, situation.latitude, times, product=product)
+    currents, shear = estimate.sample(n, rng)
+    wait = np.maximum(situation.departure + situation.departure_sd * rng.standard_normal(n), 0.0)
+    drift = currents[:, :, 0] + shear[:, :, 0]
+    shift = drift * situation.departure + _FIX_SD * rng.standard_normal((n, 2))
+    central = float(np.exp(known.speed.centre))
+    flown = _mission(situation, mission, central, duration)
+    quiet = _quiet(vehicle, central)
+    run = prepare(
+        flown, quiet, speed="distribution", speeds=_nodes(known), duration=horizon, interval=interval,
+        bathymetry=bathymetry, seed=seed, start=start, start_position=(situation.latitude, situation.longitude),
+    )  # fmt: skip
+    to = _towards(situation, flown)
+    current = situation.known_current if np.isfinite(situation.known_current) else 0.0j
+    told = {"held": known.held_heading}
+    if situation.waypoint is not None or mission is not None:
+        told |= {"waypoint": aim(to, 0.0j, central), "aimed": aim(to, current, central)}
+    engine = (
+        told["aimed" if flown.current_correction else "waypoint"] if len(told) > 1 else known.held_heading
+    )
+    heading = _angle(known.headings(n, rng, told) - engine)
+    by_waypoint = np.zeros(n, bool)
+    ruled = mission is not None
+    if ruled:
+        duration = np.where(astray, duration, np.nan)
+    elif situation.waypoint is not None and _successor(situation, situation.waypoint) is None:
+        arrival = _arrival(to, currents.mean(2), speed, flown.waypoint_radius)
+        by_waypoint = (rng.random(n) < _COMES_UP) & (arrival < duration)
+        duration = np.where(by_waypoint, arrival + 0.5 * known.dive_to / known.up, duration)
+    duration = duration + (wait - situation.departure)
+    return Scenario(
+        run=run, situation=situation, estimate=estimate, times=times, duration=np.maximum(duration, 90.0),
+        by_waypoint=by_waypoint, speed=speed, heading=heading, aimed=current if flown.current_correction else 0.0j,
+        currents=currents, shear=shear, east=shift[:, 0], north=shift[:, 1], lag=known.lag, ruled=ruled,
+    )  # fmt: skip
+
+
+def _angle(value):
+    return (value + math.pi) % (2.0 * math.pi) - math.pi
+
+
+def _towards(situation: Situation, mission: Mission) -> complex:
+    east, north = metres(*mission.waypoints[0], (situation.latitude, situation.longitude))
+    return complex(east, north)
+
+
+def _arrival(to: complex, current: Array, speed: Array, radius: float) -> Array:
+    """Seconds after which each member is within the radius of the waypoint, along a straight way."""
+    along = to / max(abs(to), 1.0)
+    good = speed + current[:, 0] * along.real + current[:, 1] * along.imag
+    return max(abs(to) - radius, 0.0) / np.maximum(good, 0.03)
+
+
+def _successor(situation: Situation, point: tuple[float, float]) -> tuple[float, float] | None:
+    return situation.behaviour.successors.get((round(point[0], 4), round(point[1], 4)))
+
+
+def chain(situation: Situation) -> tuple[tuple[float, float], ...]:
+    """The waypoint flown to and those that follow it, always the same number: what followed before follows again.
+
+    After the last one known the glider turns back to where it is now. Without any it holds its direction.
+    """
+    here = (situation.latitude, situation.longitude)
+    if situation.waypoint is None:
+        angle = situation.behaviour.held_heading
+        scale = math.degrees(_FAR / 6_371_000.0)
+        far = (
+            here[0] + scale * math.cos(angle),
+            here[1] + scale * math.sin(angle) / max(math.cos(math.radians(here[0])), 0.05),
+        )
+        return (far,) * WAYPOINTS
+    points = [situation.waypoint]
+    while len(points) < WAYPOINTS:
+        following = _successor(situation, points[-1])
+        points.append(
+            following if following is not None else (here if points[-1] != here else situation.waypoint)
+        )
+    return tuple(points)
+
+
+def _mission(situation: Situation, given: Mission | None, speed: float, duration: Array) -> Mission:
+    """The mission to fly: the given one at the glider's own rates, or one that imitates its habits."""
+    known = situation.behaviour
+    limits = (math.radians(5.1), math.radians(59.9))
+    pitches = [float(np.clip(math.atan2(rate, speed), *limits)) for rate in (known.down, known.up)]
+    if given is not None:
+        yo = replace(given.yo, dive_pitch=pitches[0], climb_pitch=pitches[1])
+        return replace(given, yo=yo, surface_stay=known.stay, first_waypoint=_first(given, situation))
+    yo = Yo(known.dive_to, known.climb_to, pitches[0], pitches[1], dive_altitude=None, overshoot=0.0)
+    # The rule counts from the dive; on average half a climb follows it.
+    seconds = max(float(np.median(duration)) - 0.5 * known.dive_to / known.up, 120.0)
+    return Mission(
+        name=situation.name, waypoints=chain(situation), yo=yo, surface=(SurfaceRule("after", seconds=seconds),),
+        waypoint_radius=_RADIUS, legs=-1, first_waypoint=0, surface_stay=known.stay,
+        current_correction=known.aims_off,
+    )  # fmt: skip
+
+
+def _first(mission: Mission, situation: Situation) -> int | None:
+    """Index of the mission's waypoint that the glider says it flies to; the mission's own where it says none."""
+    if situation.waypoint is None:
+        return mission.first_waypoint
+    far = []
+    for point in mission.waypoints:
+        east, north = metres(*point, situation.waypoint)
+        far.append(math.hypot(float(east), float(north)))
+    return int(np.argmin(far))
+
+
+def _quiet(vehicle: Vehicle, speed: float) -> Vehicle:
+    """The vehicle without the perturbations that a live forecast draws itself."""
+    known = dict(vehicle.quantities)
+    for name in ("heading", "speed", "current_error", "initial_position"):
+        old = known[f"perturbation.{name}"]
+        known[f"perturbation.{name}"] = Quantity(0.0, 0.0, old.unit, "drawn from the glider's own history")
+    old = known["perturbation.surface_stay"]
+    known["perturbation.surface_stay"] = Quantity(0.2, 0.0, old.unit, "judgement")
+    return replace(vehicle, quantities=known)
+
+
+def _nodes(known: Behaviour) -> tuple[Array, Array]:
+    """Speeds of later dives: a normal law in the logarithm, as nodes and cumulative probabilities."""
+    share = np.linspace(0.0, 1.0, 41)
+    z = np.sqrt(2.0) * np.array([_inverse_erf(2.0 * min(max(p, 0.002), 0.998) - 1.0) for p in share])
+    return np.exp(known.speed.centre + known.speed.sd * z), share
+
+
+def _inverse_erf(x: float) -> float:
+    """Inverse error function, good to 2e-3 (Winitzki 2008)."""
+    part = math.log(max(1.0 - x * x, 1e-300))
+    first = 2.0 / (math.pi * 0.147) + 0.5 * part
+    return math.copysign(math.sqrt(math.sqrt(first * first - part / 0.147) - first), x)
+
+
+def fly(scenario: Scenario) -> Flown:
+    """Fly the members of a scenario."""
+    from glider_jax.inference.flying import fly_scenario
+
+    track = fly_scenario(scenario)
+    when = track.surfacing_time[:, 0]
+    place = np.nan_to_num((when - scenario.times[0]) / (scenario.times[1] - scenario.times[0]))
+    low = np.clip(place.astype(int), 0, NODES - 2)
+    part = np.clip(place - low, 0.0, 1.0)[:, None]
+    rows = np.arange(when.size)
+    water = scenario.currents + scenario.shear
+    drift = water[rows, :, low] * (1.0 - part) + water[rows, :, low + 1] * part
+    scale = math.degrees(1.0 / 6_371_000.0)
+    latitude = track.surfacing_latitude[:, 0] + scale * drift[:, 1] * scenario.lag
+    cosine = max(math.cos(math.radians(scenario.situation.latitude)), 0.02)
+    longitude = track.surfacing_longitude[:, 0] + scale * drift[:, 0] * scenario.lag / cosine
+    return Flown(track, when + scenario.lag, latitude, longitude, scenario)
