@@ -20,7 +20,7 @@ from glider_jax.config import Vehicle
 from glider_jax.errors import ConfigError, Outcome
 from glider_jax.mission.legs import TabulatedLegs, tabulate
 from glider_jax.mission.plan import Plan, Shape
-from glider_jax.mission.randoms import START_STREAM, normals
+from glider_jax.mission.randoms import START_STREAM, normals, words
 from glider_jax.mission.step import Environment, Log, Member, State, Sums, next_due, sample_speed, step
 from glider_jax.physics.model import draw_batch
 from glider_jax.physics.perturb import log_normal, purpose
@@ -109,13 +109,13 @@ def initial_state(plan: Plan, shape: Shape, env: Environment, member: Member, ea
     """A mission about to dive at the start of the forecast; the first position carries the fix's error."""
     dtype = plan.dive_to.dtype
     zero = jnp.zeros((), dtype)
-    off = [spread * sd * number for number in normals(member.key, jnp.int32(0), START_STREAM, dtype)]
+    off = [spread * sd * number for number in normals(*words(member.key, jnp.int32(0), START_STREAM), dtype)]
     sx, sy = env.frame.stretch(north)
     x, y = east + off[0] * sx, north + off[1] * sy
     here, _, _ = env.bathymetry.depth(x, y)
     turn = jnp.clip(jnp.where(jnp.isnan(here), plan.dive_to, here - plan.altitude), plan.minimum_yo, plan.dive_to)
     due, reason = next_due(plan, shape, zero, zero, zero)
-    errors = normals(member.key, jnp.int32(1), START_STREAM, dtype)
+    errors = normals(*words(member.key, jnp.int32(1), START_STREAM), dtype)
     sums = Sums(*(zero for _ in Sums._fields))
     nan = jnp.asarray(jnp.nan, dtype)
     none = Log(nan, nan, nan, jnp.int32(-1))

@@ -11,6 +11,8 @@ fewest that pass their statistical tests.
 
 from __future__ import annotations
 
+import math
+
 import jax.numpy as jnp
 
 _ROTATIONS = (13, 15, 26, 6, 17, 29, 16, 24)
@@ -43,10 +45,26 @@ def uniform(word, dtype):
     return ((word >> jnp.uint32(9)).astype(dtype) + 0.5) * (1.0 / 8388608.0)
 
 
-def normals(key, counter, stream, dtype):
-    """Two independent standard normal numbers (Box and Muller)."""
-    a, b = words(key, counter, stream)
+def normals(a, b, dtype):
+    """Two independent standard normal numbers from two words (Box and Muller)."""
     radius = jnp.sqrt(-2.0 * jnp.log(uniform(a, dtype)))
-    angle = 2.0 * jnp.pi * uniform(b, dtype)
-    return radius * jnp.cos(angle), radius * jnp.sin(angle)
+    cosine, sine = _turn(uniform(b, dtype))
+    return radius * cosine, radius * sine
 
+
+def _turn(share):
+    """Cosine and sine of a share (0 to 1) of a full turn, within 1e-7.
+
+    Half angles within a quarter turn need no range reduction, which is what makes the library's functions slow.
+    """
+    x = (share - 0.5) * jnp.pi
+    y = x * x
+    sine, cosine = jnp.full_like(y, _SINE[-1]), jnp.full_like(y, _COSINE[-1])
+    for s, c in zip(_SINE[-2::-1], _COSINE[-2::-1], strict=True):
+        sine, cosine = sine * y + s, cosine * y + c
+    sine = sine * x
+    return 2.0 * sine * sine - 1.0, -2.0 * sine * cosine
+
+
+_SINE = tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(7))
+_COSINE = tuple((-1.0) ** k / math.factorial(2 * k) for k in range(7))

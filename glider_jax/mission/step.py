@@ -267,7 +267,10 @@ def _plan_dive(member, plan: Plan, shape: Shape, env: Environment, legs, base, s
     aground = (depth < plan.minimum_depth) | (turn < top + 0.5)
 
     reach = legs.depth_after(state.depth, remaining) + over
-    breaks = (plan.interrupts * (jnp.arange(count) == reason)).sum() > 0.5
+    # Written out: a reduction over so few numbers costs more than the rest of the step.
+    breaks = jnp.asarray(True)
+    for k in range(count):
+        breaks = jnp.where(reason == k, plan.interrupts[k] > 0.5, breaks)
     cut = (yos < 1.5) & (reach < turn) & breaks
     turn = jnp.where(cut, jnp.maximum(reach, state.depth + 0.5 * plan.minimum_yo), turn)
     turn = jnp.where(aground | jnp.isnan(turn), floor, turn)
@@ -373,7 +376,7 @@ def step(member: Member, plan: Plan, shape: Shape, env: Environment, legs, clock
     delta = fenced(run, lambda: _energies(member, plan, base, state, dive, move))
     sums = jax.tree.map(jnp.add, state.sums, delta)
     ok, outcome, end = fenced(run, lambda: _verdict(member, shape, base, go, state, dive, move, sums))
-    moved = fenced(run, lambda: _advance(member, plan, shape, base, state, dive, move, sums, delta))
+    moved = _advance(member, plan, shape, base, state, dive, move, sums, delta)
     moved = jax.tree.map(lambda new, old: jnp.where(ok, new, old), moved, state)
     return moved._replace(outcome=outcome, end_time=end)
 
@@ -412,7 +415,8 @@ def _move(member, plan: Plan, env: Environment, clock, base, state: State, dive:
     upper = jnp.where(up, 0.0, jnp.minimum(state.depth, dive.top))
     lower = jnp.where(up, 0.5, dive.turn)
     water = env.currents.mean(clock, state.time + half, middle_east, middle_north, upper, lower)
-    noise = fenced(env.bathymetry.run, lambda: normals(member.key, state.steps, NOISE_STREAM, dtype))
+    bits = fenced(env.bathymetry.run, lambda: words(member.key, state.steps, NOISE_STREAM))
+    noise = normals(*bits, dtype)
     path = jnp.sqrt(water[0] ** 2 + water[1] ** 2) * duration + forward
     memory = jnp.exp(-duration / plan.error_time - path / plan.error_length)
     kick = jnp.sqrt(jnp.maximum(1.0 - memory * memory, 0.0))
