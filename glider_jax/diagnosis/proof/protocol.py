@@ -1,0 +1,294 @@
+"""The sealed run: truths hashed before anything is diagnosed, cases resumed where a run stopped, scores at the end.
+
+Imports the proof's own modules; the diagnosis is named as ``module:function`` and called in worker processes with a
+folder of files and a folder to write to, never with a truth. Order of a run: hash of the library's source, seed,
+truths and their SHA-256 in ``sealed.json``, cases, diagnoses, hashes checked again, scores.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import inspect
+import json
+import secrets
+import shutil
+import time
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import glider_jax
+from glider_jax.diagnosis.proof import cases as cases_
+from glider_jax.diagnosis.proof.cases import CONFUSABLE, FURTHER, OUTSIDE, PUBLISHED, REGIONS, Spec
+from glider_jax.diagnosis.proof.metrics import confusion, judge, summary, table
+from glider_jax.errors import ConfigError, did_you_mean
+
+DIAGNOSIS = "glider_jax.diagnosis.run:diagnose"
+SETS = ("null", "single", "pair", "out")
+SHARES = {"null": 0.25, "single": 0.45, "pair": 0.15, "out": 0.15}
+WEAKEST, STRONGEST = 2.0, 40.0
+# Options a diagnosis may offer; an ablation it does not offer is refused, not ignored.
+ABLATIONS: dict[str, dict[str, Any]] = {
+    "independent-noise": {"noise": "independent"},
+    "random-hold-out": {"hold_out": "random"},
+    "one-stream": {"streams": ("vertical_speed",)},
+    "no-priors": {"priors": False},
+    "without-truth": {"exclude": ()},
+}
+_MEANINGLESS = {0: ("energy.cold_friction", "energy.cold_resistance", "flight.salinity_bias")}
+
+
+def library_hash() -> str:
+    """SHA-256 over the package's source: the version of the library that a run scores."""
+    root = Path(glider_jax.__file__).parent
+    digest = hashlib.sha256()
+    for path in sorted(root.rglob("*.py")):
+        digest.update(path.relative_to(root).as_posix().encode())
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+def draw_specs(count: int, seed: int, kind: str | None = None, further: bool = False) -> list[Spec]:
+    """Draw what the cases of a run are, from the seed alone.
+
+    Parameters
+    ----------
+    count : cases altogether; without ``kind`` parted among the sets as ``SHARES``.
+    further : conceal effects of the library beyond the published list too.
+    """
+    if kind is not None and kind not in SETS:
+        raise ConfigError(
+            f"prove: unknown set '{kind}'.{did_you_mean(kind, SETS)} The sets are {', '.join(SETS)}."
+        )
+    rng = np.random.default_rng([seed, 3])
+    counts = {kind: count} if kind else {k: round(count * s) for k, s in SHARES.items()}
+    if kind is None:
+        counts["single"] += count - sum(counts.values())
+    known = list(PUBLISHED) + (list(FURTHER) if further else [])
+    specs = []
+    for name, size in counts.items():
+        # Every effect comes once before any comes twice.
+        order = [str(i) for _ in range(size // len(known) + 1) for i in rng.permutation(known)]
+        outside = [str(i) for _ in range(size // len(OUTSIDE) + 1) for i in rng.permutation(list(OUTSIDE))]
+        for i in range(size):
+            if name == "null":
+                ids: tuple[str, ...] = ()
+            elif name == "single":
+                ids = (order[i],)
+            elif name == "pair":
+                ids = CONFUSABLE[rng.integers(len(CONFUSABLE))] if i % 2 == 0 else _strangers(rng, known)
+            else:
+                ids = (outside[i],)
+            allowed = [r for r in range(len(REGIONS)) if not set(ids) & set(_MEANINGLESS.get(r, ()))]
+            size_of = np.exp(rng.uniform(np.log(WEAKEST), np.log(STRONGEST), len(ids)))
+            if name == "out":
+                size_of = np.exp(rng.uniform(np.log(8.0), np.log(STRONGEST), len(ids)))
+            effects = tuple((id, float(s)) for id, s in zip(ids, size_of, strict=True))
+            region = int(rng.choice(allowed))
+            specs.append(Spec(f"{name}{i + 1:03d}", name, effects, region, int(rng.integers(2**31))))
+    return specs
+
+
+def _strangers(rng: np.random.Generator, known: Sequence[str]) -> tuple[str, str]:
+    """Two effects of different parts of the physics."""
+    while True:
+        a, b = (str(i) for i in rng.choice(known, 2, replace=False))
+        if a.split(".")[0] != b.split(".")[0]:
+            return a, b
+
+
+def seal(out: Path, count: int, seed: int | None, kind: str | None, further: bool = False) -> list[dict]:
+    """Draw the truths of a run and publish their hashes; a run begun before is taken up as it was.
+
+    Returns the truths. ``sealed.json`` holds hashes only; the truths lie in ``truths/``, which no diagnosis is given.
+
+    Raises
+    ------
+    ConfigError : the folder holds a run with other settings, or a truth was changed after it was sealed.
+    """
+    path = out / "sealed.json"
+    asked = {"cases": count, "set": kind or "all", "further": further}
+    if path.exists():
+        sealed = json.loads(path.read_text(encoding="utf-8"))
+        if {k: sealed[k] for k in asked} != asked or (seed is not None and seed != sealed["seed"]):
+            raise ConfigError(
+                f"{path}: expected the run asked for, found one with other settings. Choose another --out."
+            )
+        return [_open(out, name, digest) for name, digest in sealed["truths"].items()]
+    library = library_hash()
+    chosen = secrets.randbelow(2**31) if seed is None else seed
+    specs = draw_specs(count, chosen, kind, further)
+    (out / "truths").mkdir(parents=True, exist_ok=True)
+    truths, hashes = [], {}
+    for spec in specs:
+        truth = cases_.draw_truth(spec) | {"spec": asdict(spec)}
+        text = cases_.dump(truth)
+        (out / "truths" / f"{spec.name}.json").write_text(text, encoding="utf-8")
+        hashes[spec.name] = hashlib.sha256(text.encode()).hexdigest()
+        truths.append(json.loads(text))
+    together = hashlib.sha256("".join(hashes.values()).encode()).hexdigest()
+    sealed = asked | {
+        "version": glider_jax.__version__,
+        "library_sha256": library,
+        "seed": chosen,
+        "seed_drawn": seed is None,
+        "truths_sha256": together,
+        "truths": hashes,
+        "written": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+    }
+    path.write_text(json.dumps(sealed, indent=1), encoding="utf-8")
+    return truths
+
+
+def _open(out: Path, name: str, digest: str) -> dict:
+    text = (out / "truths" / f"{name}.json").read_text(encoding="utf-8")
+    found = hashlib.sha256(text.encode()).hexdigest()
+    if found != digest:
+        raise ConfigError(
+            f"{out / 'truths' / name}.json: expected the sealed SHA-256 {digest[:12]}…, found {found[:12]}…. "
+            "The truth was changed after it was sealed: begin another run."
+        )
+    return json.loads(text)
+
+
+def load_diagnosis(name: str) -> Callable[..., Mapping]:
+    """Find the function that diagnoses, named ``module:function``."""
+    module, _, function = name.partition(":")
+    try:
+        found = getattr(importlib.import_module(module), function or "diagnose", None)
+    except ModuleNotFoundError as error:
+        raise ConfigError(
+            f"prove: expected a diagnosis at '{name}', found no module '{error.name}'."
+        ) from error
+    if found is None:
+        raise ConfigError(f"prove: expected a function '{function}' in '{module}', found none.")
+    return found
+
+
+def options_of(diagnose: Callable, ablation: str | None, truth: Mapping) -> dict[str, Any]:
+    """Keyword arguments of an ablation; refuses those the diagnosis does not offer."""
+    if ablation is None:
+        return {}
+    if ablation not in ABLATIONS:
+        raise ConfigError(f"prove: unknown ablation '{ablation}'.{did_you_mean(ablation, ABLATIONS)}")
+    options = dict(ABLATIONS[ablation])
+    if "exclude" in options:
+        options["exclude"] = tuple(sorted(cases_.grouped(truth["effects"])))
+    missing = [name for name in options if not accepts(diagnose, name)]
+    if missing:
+        raise ConfigError(
+            f"prove: ablation '{ablation}' needs the option '{missing[0]}', which the diagnosis lacks."
+        )
+    return options
+
+
+def accepts(function: Callable, name: str) -> bool:
+    """Whether a function takes a keyword argument."""
+    parameters = inspect.signature(function).parameters
+    return name in parameters or any(p.kind is p.VAR_KEYWORD for p in parameters.values())
+
+
+def run_case(
+    out: Path, truth: Mapping, diagnosis: str, ablation: str | None, oracle: bool, keep: bool
+) -> dict:
+    """Write one case, diagnose it and score it; called in a worker. The result is written to ``results/``."""
+    diagnose = load_diagnosis(diagnosis)
+    name = truth["name"]
+    folder = out / "cases" / name
+    if not (folder / "recording.nc").exists():
+        spec = truth["spec"]
+        effects = tuple((id, strength) for id, strength in spec["effects"])
+        cases_.write_case(
+            folder, Spec(spec["name"], spec["kind"], effects, spec["region"], spec["seed"]), truth
+        )
+    began = time.perf_counter()
+    found = diagnose(folder, out / "diagnosed" / name, **options_of(diagnose, ablation, truth))
+    seconds = time.perf_counter() - began
+    best = None
+    ids = tuple(sorted(cases_.grouped(truth["effects"])))
+    if oracle and ids and truth["kind"] in ("single", "pair") and accepts(diagnose, "only"):
+        best = diagnose(folder, out / "diagnosed" / f"{name}_oracle", only=ids)
+    result = judge(truth, found, seconds, best)
+    path = out / "results" / f"{name}.json"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.with_suffix(".part").write_text(json.dumps(result, indent=1), encoding="utf-8")
+    path.with_suffix(".part").replace(path)
+    if not keep:
+        shutil.rmtree(folder)
+    return result
+
+
+def prove(
+    out: Path,
+    count: int = 40,
+    seed: int | None = None,
+    kind: str | None = None,
+    jobs: int = 1,
+    diagnosis: str = DIAGNOSIS,
+    ablation: str | None = None,
+    oracle: bool = True,
+    further: bool = False,
+    keep: bool = False,
+    said: Callable[[str], None] = lambda text: None,
+) -> dict[str, Any]:
+    """Seal, diagnose and score a run; the scores, also written to ``scores.json`` and ``table.md``.
+
+    Parameters
+    ----------
+    diagnosis : ``module:function`` called as ``function(case_folder, out_folder)``; returns a diagnosis mapping.
+    ablation : one of ``ABLATIONS``, None for the diagnosis as it is.
+    oracle : diagnose again with the true ids given, where the diagnosis takes ``only``, for the relative gain.
+    keep : leave the cases' files.
+    said : told of every case that is done.
+    """
+    load_diagnosis(diagnosis)
+    out.mkdir(parents=True, exist_ok=True)
+    truths = seal(out, count, seed, kind, further)
+    left = [t for t in truths if not (out / "results" / f"{t['name']}.json").exists()]
+    said(f"{len(truths)} truths sealed in {out / 'sealed.json'}, {len(left)} cases to diagnose")
+    failures: dict[str, str] = {}
+    done = len(truths) - len(left)
+
+    def note(name: str, result: Mapping | None, error: BaseException | None) -> None:
+        nonlocal done
+        done += 1
+        if error is not None:
+            failures[name] = f"{type(error).__name__}: {error}"
+            said(f"{done}/{len(truths)} {name}: failed, {failures[name]}")
+        else:
+            truth = ", ".join(result["truth"]) or "nothing"
+            said(
+                f"{done}/{len(truths)} {name}: concealed {truth}; named {', '.join(result['named']) or 'nothing'}"
+            )
+
+    if jobs <= 1:
+        for truth in left:
+            note(truth["name"], run_case(out, truth, diagnosis, ablation, oracle, keep), None)
+    else:
+        with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+            tasks = {
+                pool.submit(run_case, out, t, diagnosis, ablation, oracle, keep): t["name"] for t in left
+            }
+            for task in as_completed(tasks):
+                error = task.exception()
+                note(tasks[task], None if error else task.result(), error)
+    results = []
+    for truth in truths:
+        path = out / "results" / f"{truth['name']}.json"
+        if path.exists():
+            _open(out, truth["name"], json.loads((out / "sealed.json").read_text())["truths"][truth["name"]])
+            results.append(json.loads(path.read_text(encoding="utf-8")))
+    scores = summary(results)
+    sealed = json.loads((out / "sealed.json").read_text(encoding="utf-8"))
+    run = {k: sealed[k] for k in ("version", "library_sha256", "seed", "truths_sha256", "written")}
+    report = {"run": run | {"ablation": ablation}, "scores": scores, "confusion": confusion(results)}
+    report["failures"] = failures
+    (out / "scores.json").write_text(json.dumps(report, indent=1), encoding="utf-8")
+    (out / "table.md").write_text(table(scores), encoding="utf-8")
+    return report
