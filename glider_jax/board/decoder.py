@@ -190,7 +190,8 @@ class Decoder:
             rest = int(found.offset[used])
         else:
             rest = buffer.size if final else found.rest
-        taken = int(found.size[:used].sum())
+        own = np.minimum(found.size[:used], np.diff(found.offset[:used], append=buffer.size))
+        taken = int(own.sum())
         report.noise += rest - taken
         report.damaged += found.damaged
         for revision, count in found.foreign.items():

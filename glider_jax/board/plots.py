@@ -51,8 +51,47 @@ def envelope(
     whole = time.size // size * size
     block = values[:whole].reshape(-1, size)
     rows = np.arange(block.shape[0]) * size
-    index = np.sort(np.concatenate([rows + np.nanargmin(block, axis=1), rows + np.nanargmax(block, axis=1)]))
+    least, most_of = np.where(np.isnan(block), np.inf, block), np.where(np.isnan(block), -np.inf, block)
+    hole = rows + np.isnan(block).argmax(axis=1)
+    index = np.concatenate(
+        [rows + least.argmin(axis=1), rows + most_of.argmax(axis=1), hole[np.isnan(values[hole])]]
+    )
+    index = np.unique(index)
     return time[index], values[index]
+
+
+PAUSE = 3600.0
+
+
+def without_pauses(
+    time: NDArray[np.float64], marks: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Take pauses of more than an hour out of a time axis.
+
+    Parameters
+    ----------
+    time : (sample,) s, ascending. marks : (mark,) s, further times on the same axis.
+
+    Returns
+    -------
+    ``marks`` on the shortened axis in s from the start, and where pauses were cut, on the same axis.
+    """
+    step = np.diff(time)
+    long = np.flatnonzero(step > PAUSE)
+    if long.size == 0:
+        return marks - time[0], np.empty(0)
+    gap = max(0.02 * float(step[step <= PAUSE].sum()), 1.0)
+    cut = np.concatenate([[0.0], np.cumsum(step[long] - gap)])
+    shifted = marks - time[0] - cut[np.searchsorted(time[long + 1], marks, side="right")]
+    at = time[long] - time[0] - cut[:-1] + 0.5 * gap
+    return shifted, at
+
+
+def _broken(values: NDArray[np.float64], time: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Values with NaN at the last sample before each pause, so that no line is drawn across it."""
+    out = np.array(values, dtype=np.float64)
+    out[:-1][np.diff(time) > PAUSE] = np.nan
+    return out
 
 
 def plot_currents(
@@ -70,18 +109,23 @@ def plot_currents(
     """
     rows = len(currents) + (glider is not None)
     figure, axes = _figure(9.0, 1.2 + 1.7 * rows, rows)
-    start = float(np.nanmin(time))
+    time = np.asarray(time, dtype=np.float64)
+    place, cuts = without_pauses(time, time)
     for axis, (name, values) in zip(axes, currents.items(), strict=False):
-        x, y = envelope((time - start) / 3600.0, np.asarray(values, dtype=np.float64))
+        x, y = envelope(place / 3600.0, _broken(values, time))
         axis.plot(x, y, color=_BLUE, linewidth=0.7)
         axis.set_ylabel(f"{name}\n(A)")
     if glider is not None:
         axis = axes[-1]
-        axis.plot((glider.time - start) / 3600.0, glider.depth, color=_RED, linewidth=0.9)
+        at, _ = without_pauses(time, glider.time)
+        axis.plot(at / 3600.0, _broken(glider.depth, glider.time), color=_RED, linewidth=0.9)
         axis.invert_yaxis()
         axis.set_ylabel("depth\n(m)")
-    axes[-1].set_xlabel("time since start (h)")
-    axes[-1].set_xlim(0.0, float(np.nanmax(time) - start) / 3600.0)
+    for axis in axes:
+        for cut in cuts:
+            axis.axvline(cut / 3600.0, color=_GREY, linewidth=1.0, linestyle=":")
+    axes[-1].set_xlabel("time since start (h)" + (", pauses cut out at dotted lines" if cuts.size else ""))
+    axes[-1].set_xlim(0.0, float(place[-1]) / 3600.0)
     if title:
         axes[0].set_title(title)
     return _save(figure, path)

@@ -108,13 +108,17 @@ def _consistent(
 
 
 def _without_overlap(offset: NDArray[np.int64], size: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Keep the earlier of two frames that share bytes; nearly always there are none."""
+    """Keep the earlier of two frames that share bytes; nearly always there are none.
+
+    A frame cut short by a byte or two whose next frame begins with just those bytes is intact, and so is
+    the next.
+    """
     keep = np.ones(offset.size, dtype=bool)
-    if offset.size < 2 or (offset[1:] >= offset[:-1] + size[:-1]).all():
+    if offset.size < 2 or (offset[1:] >= offset[:-1] + size[:-1] - frames.TRAILER).all():
         return keep
     end = -1
     for index in range(offset.size):
-        if offset[index] < end:
+        if offset[index] < end - frames.TRAILER:
             keep[index] = False
         else:
             end = offset[index] + size[index]
@@ -161,7 +165,7 @@ def find_frames(data: NDArray[np.uint8]) -> Found:
     hidden = (
         (inside >= 0) & (bad < (offset + size)[inside]) if offset.size else np.zeros(bad.size, dtype=bool)
     )
-    waiting = waiting[waiting >= end]
+    waiting = waiting[waiting >= end - frames.TRAILER]
     if waiting.size:
         rest = int(waiting.min())
     else:
