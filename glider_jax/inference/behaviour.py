@@ -156,6 +156,12 @@ def ways(segments) -> list[Way]:
     return found
 
 
+def says_it_aims(recording: Recording) -> bool | None:
+    """Whether the recorded setting is to steer against the current; None where it was not recorded."""
+    _, setting = finite(recording, "current_correction")
+    return bool(setting[-1] > 0.0) if setting.size else None
+
+
 def waypoint_log(recording: Recording) -> tuple[Array, Array, Array]:
     """Times, latitudes and longitudes of the waypoints flown to; a waypoint never set (0, 0) is left out."""
     if "waypoint_latitude" not in recording or "waypoint_longitude" not in recording:
@@ -356,13 +362,15 @@ def _fade(law: Law, age: float, half: float) -> Law:
     return law._replace(astray=1.0 - (1.0 - law.astray) * 0.5 ** (max(age, 0.0) / half))
 
 
-def learn(recording: Recording | None, segments, legs, now: float | None = None) -> Behaviour:
-    """Learn a glider's behaviour from all that was recorded; the caller cuts the recording at the present.
+def learn(
+    segments, legs, log: tuple[Array, Array, Array], aims: bool | None = None, now: float | None = None
+):
+    """Learn a glider's behaviour from all that is known of it; the caller leaves out what came after the present.
 
     Parameters
     ----------
-    recording : for waypoints and settings; None knows of none.
-    segments, legs : of the recording, oldest first; both may be empty.
+    segments, legs : oldest first; both may be empty.
+    log : of :func:`waypoint_log`.  aims : whether the glider says that it steers against the current, if it does.
     now : UTC s of the forecast; habits seen long before it are doubted.
     """
     segments = list(segments)[-_LATEST:]
@@ -370,13 +378,10 @@ def learn(recording: Recording | None, segments, legs, now: float | None = None)
     all_ways = ways(segments)
     duration = _duration_law(all_ways, assumed)
     speed = _speed_law(all_ways, assumed)
-    log = waypoint_log(recording) if recording is not None else (np.empty(0),) * 3
-    setting = finite(recording, "current_correction")[1] if recording is not None else np.empty(0)
-    known = bool(setting[-1] > 0.0) if setting.size else None
     felt = [complex(s.glider_current_east, s.glider_current_north) for s in segments]
     before = [complex(np.nan, np.nan), *felt[:-1]]
     starts = [(s.start_latitude, s.start_longitude) for s in segments]
-    steering = _steering(all_ways, starts, log, before, known)
+    steering = _steering(all_ways, starts, log, before, aims)
     moved = [w.water for w in all_ways if np.isfinite(w.water) and abs(w.water) > 0.0]
     held = _bearing(moved[-1]) if moved else 0.0
     age = now - segments[-1].surface_time - _USUAL_STAY if now is not None and segments else 0.0

@@ -1,7 +1,7 @@
 """From what is known at a surfacing to an ensemble of the next dives: the situation, its assembly, and the flight.
 
-A :class:`Situation` is evidence alone (last fix, waypoint, currents felt, behaviour); readers of recordings and of
-surface dialogs fill it. :func:`assemble` turns it into a mission, a prepared run and the draws of every member, and
+A :class:`~glider_jax.inference.evidence.Situation` is evidence alone (last fix, waypoint, currents felt, behaviour).
+:func:`assemble` turns it into a mission, a prepared run and the draws of every member, and
 :func:`fly` flies them with the engine of ``glider_jax.mission``. Every member has its own course of the current, its
 own time under water, speed and heading. JAX is imported by this module only where it flies.
 """
@@ -9,71 +9,25 @@ own time under water, speed and heading. JAX is imported by this module only whe
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from glider_jax.config import Mission, Quantity, SurfaceRule, Vehicle, Yo
-from glider_jax.errors import DataError
-from glider_jax.inference.behaviour import HOUR, Behaviour, aim, learn, waypoint_at, waypoint_log
-from glider_jax.inference.currents import (
-    Estimate,
-    Observations,
-    drifted,
-    estimate_currents,
-    observations,
-    observe,
-)
+from glider_jax.inference.behaviour import HOUR, Behaviour, aim
+from glider_jax.inference.currents import Estimate, estimate_currents
+from glider_jax.inference.evidence import Situation
 from glider_jax.readers.dead_reckoning import metres
-from glider_jax.readers.dives import between, fixes, legs, underwater, until
-from glider_jax.readers.segments import Segment, dive_segments
-from glider_jax.records import Array, Recording, Track
+from glider_jax.records import Array, Track
 
 WAYPOINTS = 4
 NODES = 65
 _FAR = 60e3
 _RADIUS = 100.0
-_WINDOW = 12 * 86400.0
 #: Share of the missions that come up at a waypoint after which nobody knows what follows.
 _COMES_UP = 0.5
 _FIX_SD = 8.0
-
-
-@dataclass(frozen=True)
-class Situation:
-    """What is known of a glider at the surface.
-
-    Attributes
-    ----------
-    time, latitude, longitude : of the last fix, UTC s and degrees.
-    departure, departure_sd : s from that fix to the dive to come.
-    surfaced : UTC s at which it came up, NaN where unknown.
-    waypoint : latitude and longitude flown to, None where unknown.
-    known_current : m/s east + i north, what the glider itself reckons with; NaN where it has none.
-    seen : currents felt so far.  behaviour : how it has been flying.
-    charge_used, capacity : C since the counter was zeroed, and C of the pack; NaN where unknown.
-    name : of the glider.  ages : s before ``time``'s evidence, by what it is.
-    assumed : sentences on what was assumed.  files : digests of the inputs.  segments : those it rests on.
-    """
-
-    time: float
-    latitude: float
-    longitude: float
-    departure: float
-    departure_sd: float
-    surfaced: float
-    waypoint: tuple[float, float] | None
-    known_current: complex
-    seen: Observations
-    behaviour: Behaviour
-    charge_used: float = math.nan
-    capacity: float = math.nan
-    name: str = "glider"
-    ages: dict[str, float] = field(default_factory=dict)
-    assumed: tuple[str, ...] = ()
-    files: dict[str, str] = field(default_factory=dict)
-    segments: tuple[Segment, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -111,100 +65,6 @@ class Flown:
     fix_latitude: Array
     fix_longitude: Array
     scenario: Scenario
-
-
-def situation_of(
-    recording: Recording, moment: float | None = None, *, variation: float | None = None
-) -> Situation:
-    """The situation at the last fix of a recording up to a moment; nothing later is looked at.
-
-    Parameters
-    ----------
-    recording : of any kind.  moment : UTC s, None for its end.  variation : rad, magnetic = true + variation.
-
-    Raises
-    ------
-    DataError : there is no fix up to the moment.
-    """
-    known = recording if moment is None else until(recording, moment)
-    if known.time.size:
-        known = between(known, known.time[-1] - _WINDOW, known.time[-1])
-    time, latitude, longitude = fixes(known)
-    if time.size == 0:
-        raise DataError(
-            f"{recording.name}: expected a GPS fix to forecast from, found none. Give files that hold the last "
-            "surfacing."
-        )
-    now = float(time[-1])
-    segments = dive_segments(known, variation=variation)
-    behaviour = learn(known, segments, legs(known), now)
-    seen = observe(segments)
-    spans = underwater(known)
-    over = spans[spans[:, 1] <= now + 1.0]
-    surfaced = float(over[-1, 1]) if over.size else math.nan
-    drift = surface_drift(
-        time, latitude, longitude, max(surfaced, now - 1800.0) if over.size else now - 1800.0
-    )
-    if np.isfinite(drift):
-        seen = observations([*_rows(seen), drifted(now - 300.0, drift.real, drift.imag)])
-    log = waypoint_log(known)
-    last = segments[-1] if segments else None
-    current = (
-        complex(last.glider_current_east, last.glider_current_north) if last else complex(math.nan, math.nan)
-    )
-    assumed = list(behaviour.assumed)
-    turn = last.variation if last else None
-    if turn is not None and turn.how in ("assumed", "estimated"):
-        assumed.append(
-            f"magnetic variation not recorded: {math.degrees(turn.value):+.1f} degrees west {turn.how}"
-            + (" from its dead reckoning" if turn.how == "estimated" else "; give --variation-deg")
-        )
-    charge = _last(known, "charge_used")
-    point = waypoint_at(log, now + 1.0)
-    ages = {"fix": 0.0}
-    if last is not None:
-        ages["depth-averaged current"] = now - 0.5 * (last.dive_time + last.surface_time)
-    if point is not None:
-        ages["waypoint"] = now - float(log[0][np.searchsorted(log[0], now + 1.0, side="right") - 1])
-    return Situation(
-        time=now, latitude=float(latitude[-1]), longitude=float(longitude[-1]), departure=behaviour.departure,
-        departure_sd=0.3 * behaviour.departure, surfaced=surfaced, waypoint=point, known_current=current, seen=seen,
-        behaviour=behaviour, charge_used=charge, capacity=_last(known, "battery_capacity"), name=recording.name,
-        ages=ages, assumed=tuple(assumed), files=dict(recording.source.files), segments=tuple(segments),
-    )  # fmt: skip
-
-
-def _rows(seen: Observations):
-    return zip(seen.begin, seen.end, seen.east, seen.north, seen.sd, seen.surface, strict=True)
-
-
-def _last(recording: Recording, name: str) -> float:
-    if name not in recording:
-        return math.nan
-    good = recording[name][np.isfinite(recording[name])]
-    return float(good[-1]) if good.size else math.nan
-
-
-def surface_drift(time: Array, latitude: Array, longitude: Array, since: float) -> complex:
-    """Drift in m/s, east + i north, of the fixes since a moment: medians over pairs; NaN with too few."""
-    mine = time >= since
-    moments = time[mine]
-    if moments.size < 3 or moments[-1] - moments[0] < 120.0:
-        return complex(math.nan, math.nan)
-    # Pairs of very many fixes say nothing new.
-    pick = np.unique(np.linspace(0, moments.size - 1, 60).astype(int))
-    east, north = metres(
-        latitude[mine], longitude[mine], (float(latitude[mine][0]), float(longitude[mine][0]))
-    )
-    moments, east, north = moments[pick], east[pick], north[pick]
-    i, j = np.triu_indices(moments.size, 1)
-    wide = moments[j] - moments[i] > 60.0
-    i, j = i[wide], j[wide]
-    if i.size == 0:
-        return complex(math.nan, math.nan)
-    lapse = moments[j] - moments[i]
-    drift = complex(np.median((east[j] - east[i]) / lapse), np.median((north[j] - north[i]) / lapse))
-    return drift if abs(drift) < 2.5 else complex(math.nan, math.nan)
 
 
 def assemble(

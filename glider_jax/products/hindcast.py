@@ -17,7 +17,8 @@ import numpy as np
 
 from glider_jax.config import Mission, Vehicle
 from glider_jax.errors import DataError
-from glider_jax.inference.live import Flown, assemble, fly, situation_of
+from glider_jax.inference.evidence import situation_of
+from glider_jax.inference.live import Flown, assemble, fly
 from glider_jax.products import scores
 from glider_jax.products.coordinates import LocalFrame, iso_time
 from glider_jax.products.regions import inside, regions_of_metres
