@@ -25,10 +25,20 @@ def ensemble(
     ] = None,
     currents: Annotated[
         list[str] | None,
-        typer.Option(help="Currents: one or more files of one product, a folder, or 'none'.", rich_help_panel=_INPUTS),
+        typer.Option(
+            help="Currents: files of one product, a folder, 'none', or artificial, as uniform:east=0.1,north=0.05.",
+            rich_help_panel=_INPUTS,
+        ),
     ] = None,
     bathymetry: Annotated[
-        Path | None, typer.Option(help="Bathymetry file, or 'none'.", rich_help_panel=_INPUTS)
+        Path | None,
+        typer.Option(
+            help="Bathymetry file, 'none', or artificial, as sloping:depth=60,slope=0.001.", rich_help_panel=_INPUTS
+        ),
+    ] = None,
+    seafloor_from: Annotated[
+        list[Path] | None,
+        typer.Option(help="Recordings whose measured water depths are the seafloor.", rich_help_panel=_INPUTS),
     ] = None,
     hydrography: Annotated[
         list[Path] | None,
@@ -128,7 +138,8 @@ def ensemble(
         begin = (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
     options = Options(
         n=n, mission=mission, vehicle=_vehicle(vehicle), currents=tuple(Path(p) for p in currents or ()),
-        bathymetry=bathymetry, hydrography=tuple(hydrography or ()), tides=tides, grid=grid, speed=speed,
+        bathymetry=bathymetry, seafloor_from=tuple(seafloor_from or ()),
+        hydrography=tuple(hydrography or ()), tides=tides, grid=grid, speed=speed,
         speed_kind=speed_kind, speeds=speeds, seed=seed, days=days, start=begin, start_position=start_position,
         interval=None if interval_h is None else interval_h * 3600.0, polygons=polygons, reserve=reserve,
         spread=spread, precision=precision, decimal_degrees=decimal_degrees, outputs=outputs,

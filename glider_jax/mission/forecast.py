@@ -20,12 +20,13 @@ from glider_jax.environment.frame import Frame
 from glider_jax.errors import ConfigError, CoverageError, Outcome
 from glider_jax.mission.battery import battery_state, energy_limits, mean_voltage
 from glider_jax.mission.ensemble import Column, Output, draw_members, host_normals, run_members
-from glider_jax.mission.plan import Plan, Shape, legs_of, make_plan
+from glider_jax.mission.plan import Plan, Shape, legs_of, make_plan, not_simulated
 from glider_jax.mission.step import Environment, Member, State
 from glider_jax.mission.water import make_column
 from glider_jax.physics.battery import draw_usable_charge
 from glider_jax.physics.devices import build_devices
 from glider_jax.physics.model import build_model, parameters
+from glider_jax.physics.term import Channel, Sample
 from glider_jax.records import BathymetryGrid, CurrentGrid, Track, WaterProfile
 
 CHUNK = 10_000
@@ -122,7 +123,7 @@ def prepare(
     reach = [position[0], *(p[0] for p in mission.waypoints)]
     frame = Frame(position[0], position[1], min(reach) - 1.5, max(reach) + 1.5)
     default_sd = vehicle.value("perturbation.current_error") if current_error is None else current_error
-    notes = list(mission.notes)
+    notes = [*mission.notes, *(f"not simulated: {text}" for text in not_simulated(mission))]
     _check_start(mission, position, t0, currents, bathymetry)
     own_error = currents is not None and currents.east_sd is not None
     field_ = (
@@ -239,6 +240,10 @@ def _draw(run: Run, begin: int, count: int):
     charge = draw_usable_charge(battery, run.water_temperature, host_normals(run.seed, begin, count), run.spread)
     # Rated energies are quoted at a nominal voltage; what can be drawn is the charge at the curve's voltage.
     available = np.broadcast_to(charge * mean_voltage(battery), (count,))
+    if run.model.has(Channel.LOG_CAPACITY):
+        here = Sample.of(dtype, temperature=run.water_temperature, battery_temperature=run.water_temperature)
+        lost = jax.vmap(lambda model: model.total(Channel.LOG_CAPACITY, here))(jax.tree.map(jnp.asarray, members.model))
+        available = available * np.exp(np.asarray(lost, float))
     limits, codes = energy_limits(battery, run.mission, available)
     return members._replace(energy_limit=limits.astype(dtype), limit_code=codes.astype(np.int32)), available
 

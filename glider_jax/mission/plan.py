@@ -70,6 +70,7 @@ class Plan(eqx.Module):
     rule_time: Any
     interrupts: Any
     yo_limit: Any
+    overtime: Any
     correction: Any
     interval: Any
     intervals: Any
@@ -102,6 +103,17 @@ def legs_of(mission: Mission) -> tuple[list[tuple[float, float]], bool]:
         return points[first:] if first else points, False
     count = min(mission.legs, MAX_LEGS)
     return [order[k % len(order)] for k in range(count)], False
+
+
+def not_simulated(mission: Mission) -> list[str]:
+    """Rules of the mission that the step does not follow, as words for the user."""
+    found = [f"surface when {rule.kind}" for rule in mission.surface if rule.kind in ("science", "waypoint_distance")]
+    for name in ("overdepth", "same_depth_for", "stalled_for", "no_comms_for", "maximum_waypoint_distance"):
+        if getattr(mission.aborts, name) is not None:
+            found.append(f"abort at {name.replace('_', ' ')} {getattr(mission.aborts, name):g}")
+    if mission.yo.climb_altitude is not None:
+        found.append(f"climb to an altitude of {mission.yo.climb_altitude:g} m")
+    return found
 
 
 def overshoot_time(vehicle: Vehicle, mission: Mission) -> float:
@@ -147,7 +159,7 @@ def make_plan(
     counts = [rule.count for rule in mission.surface if rule.kind == "inflections" and rule.count > 0]
     if mission.yo.half_cycles:
         counts.append(mission.yo.half_cycles)
-    at_waypoint = any(rule.kind in ("waypoint", "waypoint_distance") for rule in mission.surface)
+    at_waypoint = any(rule.kind == "waypoint" for rule in mission.surface)
     reasons = tuple(rule.kind for rule in timed) + ("waypoint", "yo_count", "mission_done")
     intervals = max(1, math.ceil(duration / interval - 1e-9))
     per_block = max(1, int(block // interval)) if speed == "flight" else intervals
@@ -181,6 +193,7 @@ def make_plan(
         rule_time=number([(rule.time - t0) if rule.time is not None else 0.0 for rule in timed] or [0.0]),
         interrupts=number([0.0 if rule.when_yo_ends else 1.0 for rule in timed] + [1.0, 1.0, 1.0]),
         yo_limit=number(max(1.0, min(counts) / 2.0) if counts else _LONG),
+        overtime=number(mission.aborts.overtime if mission.aborts.overtime else _LONG),
         correction=number(1.0 if mission.current_correction else 0.0),
         interval=number(interval),
         intervals=jnp.asarray(intervals, jnp.int32),

@@ -375,7 +375,7 @@ def step(member: Member, plan: Plan, shape: Shape, env: Environment, legs, clock
     move = fenced(run, lambda: _move(member, plan, env, clock, base, state, dive, sx, sy))
     delta = fenced(run, lambda: _energies(member, plan, base, state, dive, move))
     sums = jax.tree.map(jnp.add, state.sums, delta)
-    ok, outcome, end = fenced(run, lambda: _verdict(member, shape, base, go, state, dive, move, sums))
+    ok, outcome, end = fenced(run, lambda: _verdict(member, plan, shape, base, go, state, dive, move, sums))
     moved = _advance(member, plan, shape, base, state, dive, move, sums, delta)
     moved = jax.tree.map(lambda new, old: jnp.where(ok, new, old), moved, state)
     return moved._replace(outcome=outcome, end_time=end)
@@ -441,12 +441,14 @@ def _move(member, plan: Plan, env: Environment, clock, base, state: State, dive:
     )
 
 
-def _verdict(member, shape, base, go, state: State, dive: _Dive, move: _Move, sums: Sums):
+def _verdict(member, plan, shape, base, go, state: State, dive: _Dive, move: _Move, sums: Sums):
     """Whether the step counts, the outcome after it, and the absolute time at which the member ended."""
     up = state.at_surface
     spent = total_energy(member, sums)
     surfaces, done = dive.surfaces & ~up, state.done | _finishes(shape, state, dive)
     outcome = jnp.where(surfaces & done, int(Outcome.ARRIVED), int(Outcome.FLYING))
+    late = (base + state.time + move.duration > plan.overtime) & (outcome == int(Outcome.FLYING))
+    outcome = jnp.where(late, int(Outcome.ABORTED), outcome)
     outcome = jnp.where(spent > member.energy_limit, member.limit_code, outcome)
     finite = jnp.isfinite(move.east) & jnp.isfinite(move.north) & jnp.isfinite(move.duration) & jnp.isfinite(spent)
     stuck = jnp.where(~finite, int(Outcome.INVALID), int(Outcome.FLYING))
@@ -585,6 +587,8 @@ def _energies(member, plan, base, state, dive: _Dive, move) -> Sums:
     hotel_up = model.hotel_power(_sample(plan, member, base, half, depth=0.5 * dive.turn, direction=1.0))
     resting = _sample(plan, member, base, half, direction=0.0, surface_duration=duration)
     surface = (model.hotel_power(resting) + model.surface_power(resting)) * duration
+    if model.has(Channel.SURFACING_ENERGY):
+        surface = surface + model.surfacing_energy(resting)
     yos = jnp.where(up, 0.0, dive.yos)
     down, climb = jnp.where(up, 0.0, dive.dive_time), jnp.where(up, 0.0, dive.climb_time)
     return Sums(

@@ -31,7 +31,9 @@ STREAM_ABOVE = 50_000
 class Options:
     """What a user asks of a forecast; None takes the bundled default or the mission's own.
 
-    ``currents`` are files of one product, or one word ``none``. ``days``, ``start`` (UTC seconds), ``start_position``
+    ``currents`` are files of one product, the word ``none``, or an artificial flow such as ``uniform:east=0.1``;
+    ``bathymetry`` likewise (``sloping:depth=60,slope=0.001``). ``seafloor_from`` are recordings whose measured water
+    depths are gridded, over ``bathymetry`` if both are given. ``days``, ``start`` (UTC seconds), ``start_position``
     (latitude, longitude). ``polygons`` is a GeoJSON file. ``outputs`` names the products to write.
     """
 
@@ -40,6 +42,7 @@ class Options:
     vehicle: Path | None = None
     currents: tuple[Path, ...] = ()
     bathymetry: Path | None = None
+    seafloor_from: tuple[Path, ...] = ()
     hydrography: tuple[Path, ...] = ()
     tides: Path | None = None
     grid: Path | None = None
@@ -145,36 +148,87 @@ def read_inputs(options: Options) -> Inputs:
     return Inputs(mission, vehicle, *fields, start=start, days=days, notes=tuple(notes))
 
 
+def _artificial(word: str, kinds, known) -> tuple[str, dict[str, float]] | None:
+    """Kind and parameters of an artificial field written as ``kind:name=number,name=number``; None for a path."""
+    kind, _, rest = word.partition(":")
+    if kind not in kinds or Path(word).exists():
+        return None
+    given = dict(known)
+    for item in filter(None, rest.split(",")):
+        name, _, value = item.partition("=")
+        try:
+            given[name.strip()] = float(value)
+        except ValueError as error:
+            raise ConfigError(
+                f"{word}: expected name=number after '{kind}:', found '{item}'. Example: uniform:east=0.1,north=0.05."
+            ) from error
+    return kind, given
+
+
+def _area(box, period) -> dict[str, float]:
+    """Centre, size and times of an artificial field that covers the box."""
+    south, north, west, east = box
+    middle = 0.5 * (south + north)
+    area = {
+        "latitude": middle,
+        "longitude": 0.5 * (west + east),
+        "height": (north - south) * 111e3,
+        "width": (east - west) * 111e3 * math.cos(math.radians(middle)),
+    }
+    return area if period is None else area | {"start": period[0], "duration": period[1] - period[0] + DAY}
+
+
 def _read_currents(options: Options, bundled: bool, box, period) -> CurrentGrid | None:
+    from glider_jax.environment.synthetic import CURRENTS, synthetic_currents
     from glider_jax.readers.currents import read_currents
 
-    if [str(p) for p in options.currents] == ["none"]:
+    words = [str(p) for p in options.currents]
+    made = _artificial(words[0], CURRENTS, _area(box, period)) if len(words) == 1 else None
+    if words == ["none"]:
         grid = None
-    elif options.currents:
+    elif made is not None:
+        grid = synthetic_currents(made[0], **made[1])
+    elif words:
         grid = read_currents(list(options.currents), box=box, period=period, grid=options.grid)
     elif bundled:
         grid = read_currents(bundled_path("new_jersey_currents.nc"), box=box, period=period)
     else:
         grid = None
-    if options.tides is not None:
-        from glider_jax.readers.tides import add_tides, read_tides, tidal_grid
+    return grid if options.tides is None else _with_tides(options, grid, box, period)
 
-        tides = read_tides(options.tides, grid=options.grid, box=box)
-        if grid is not None and not grid.constant_in_time and grid.time.size > 1:
-            return add_tides(grid, tides)
-        if period is None:
-            raise ConfigError("--tides: expected a start time or a series of currents, found neither. Give --start.")
-        hours = np.arange(period[0], period[1] + 3600.0, 3600.0)
-        return tidal_grid(tides, hours) if grid is None else add_tides(grid, tides, time=hours)
-    return grid
+
+def _with_tides(options: Options, grid: CurrentGrid | None, box, period) -> CurrentGrid:
+    from glider_jax.readers.tides import add_tides, read_tides, tidal_grid
+
+    tides = read_tides(options.tides, grid=options.grid, box=box)
+    if grid is not None and not grid.constant_in_time and grid.time.size > 1:
+        return add_tides(grid, tides)
+    if period is None:
+        raise ConfigError("--tides: expected a start time or a series of currents, found neither. Give --start.")
+    hours = np.arange(period[0], period[1] + 3600.0, 3600.0)
+    return tidal_grid(tides, hours) if grid is None else add_tides(grid, tides, time=hours)
 
 
 def _read_bathymetry(options: Options, bundled: bool, box) -> BathymetryGrid | None:
+    from glider_jax.environment.synthetic import BATHYMETRY, synthetic_bathymetry
     from glider_jax.readers.bathymetry import read_bathymetry
 
-    if options.bathymetry is not None:
-        return None if str(options.bathymetry) == "none" else read_bathymetry(options.bathymetry, box=box)
-    return read_bathymetry(bundled_path("new_jersey_bathymetry.nc"), box=box) if bundled else None
+    word = "" if options.bathymetry is None else str(options.bathymetry)
+    made = _artificial(word, BATHYMETRY, _area(box, None))
+    if word == "none":
+        grid = None
+    elif made is not None:
+        grid = synthetic_bathymetry(made[0], **made[1])
+    elif word:
+        grid = read_bathymetry(options.bathymetry, box=box)
+    else:
+        grid = read_bathymetry(bundled_path("new_jersey_bathymetry.nc"), box=box) if bundled else None
+    if options.seafloor_from:
+        from glider_jax.readers.recordings import read_recording
+        from glider_jax.readers.seafloor_tracks import seafloor_from_recordings
+
+        grid = seafloor_from_recordings([read_recording(p) for p in options.seafloor_from], background=grid)
+    return grid
 
 
 def _read_water(options: Options, box) -> WaterProfile | None:

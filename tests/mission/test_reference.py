@@ -109,3 +109,10 @@ def test_fifteen_days_agree_with_five_second_steps(capsys):
         )
     assert np.percentile(distance[known], 99) < 50.0
     assert np.percentile(np.abs(share), 99) < 1e-3
+    # Quantiles of the ensemble differ by far less than the sampling error of 200 members.
+    for k in (20, 60, 100):
+        pairs = (track.surfacing_longitude[:, k], table[2, :, k]), (track.surfacing_time[:, k], table[0, :, k])
+        for mine, theirs in pairs:
+            both = np.isfinite(mine) & np.isfinite(theirs)
+            off = np.quantile(mine[both], (0.05, 0.5, 0.95)) - np.quantile(theirs[both], (0.05, 0.5, 0.95))
+            assert np.all(np.abs(off) < 0.5 * np.std(theirs[both]) / np.sqrt(both.sum()))
