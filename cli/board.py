@@ -327,11 +327,13 @@ def plot(
 
 @app.command()
 def power(
-    board_name: Annotated[str, typer.Option("--board", help="board_8 or board_6.")] = "board_8",
+    board_name: Annotated[
+        str, typer.Option("--board", help="measurement_board_8 or measurement_board_6.")
+    ] = "measurement_board_8",
     computer: Annotated[
         str, typer.Option(help="Science computer, by software and clock.")
-    ] = "deployed_14720",
-    toml: Annotated[bool, typer.Option("--toml", help="Print device tables for a vehicle file.")] = False,
+    ] = "science_computer_deployed",
+    toml: Annotated[bool, typer.Option("--toml", help="Print the devices line for a vehicle file.")] = False,
     as_json: AsJson = False,
 ) -> None:
     """What the instrument itself draws, and the CTD interval that the computer's clock allows."""
@@ -350,7 +352,7 @@ def power(
             for name, load in loads.items()
         },
     }
-    lines = [f"{name:18s} {load.power:5.2f} W  {load.text}" for name, load in loads.items()]
+    lines = [f"{name:33s} {load.power:5.2f} W  {load.text}" for name, load in loads.items()]
     lines.append(
         f"{board_name} with {computer}: {extra:.2f} W above a stock glider, CTD every {interval:g} s at best"
     )

@@ -212,7 +212,7 @@ def zero_when_off(counts: NDArray[np.integer], name: str = "channel") -> tuple[f
     if values.size < 16:
         raise DataError(f"{name}: expected at least 16 samples with the channel off, found {values.size}.")
     middle = np.median(values)
-    spread = max(1.4826 * np.median(np.abs(values - middle)), 0.3)
+    spread = max(1.4826 * np.median(np.abs(values - middle)), 1.0)
     kept = values[np.abs(values - middle) <= 5.0 * spread]
     if kept.size < 0.9 * values.size:
         raise DataError(
@@ -220,7 +220,9 @@ def zero_when_off(counts: NDArray[np.integer], name: str = "channel") -> tuple[f
             "samples away from it. Choose a window in which nothing runs."
         )
     noise = kept.std()
-    bias = np.exp(-2.0 * np.pi**2 * noise**2) / np.pi / np.sqrt(2.0)
+    # What quantisation itself adds to the scatter does not dither.
+    dither = max(noise**2 - 1.0 / 12.0, 0.0)
+    bias = np.exp(-2.0 * np.pi**2 * dither) / np.pi / np.sqrt(2.0)
     return float(kept.mean()), float(np.hypot(max(noise, 0.3) / np.sqrt(kept.size), bias))
 
 

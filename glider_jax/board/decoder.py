@@ -411,7 +411,7 @@ def read_pieces(path: str | Path, size: int = PIECE) -> Iterator[bytes]:
     """
     where = Path(path)
     if where.is_dir():
-        logs = sorted(p for p in where.iterdir() if p.suffix in (".bin", ".part"))
+        logs = sorted(p for p in where.iterdir() if p.name.endswith((".bin", ".bin.part")))
         if not logs:
             raise DataError(
                 f"{where}: expected board logs named *.bin, found none. Name a log or a capture folder."

@@ -33,25 +33,33 @@ class Load:
 ROUNDING_SIGMA = 0.005 / 3.0**0.5
 
 BOARDS = {
-    "board_8": Load("board_8", "deployed board, 8 channels", 0.76, None, f"{_PAPER}, Table II"),
-    "board_6": Load("board_6", "development board, 6 channels", 0.58, None, f"{_PAPER}, Table II"),
+    "measurement_board_8": Load(
+        "measurement_board_8", "deployed board, 8 channels", 0.76, None, f"{_PAPER}, Table II"
+    ),
+    "measurement_board_6": Load(
+        "measurement_board_6", "development board, 6 channels", 0.58, None, f"{_PAPER}, Table II"
+    ),
 }
 COMPUTERS = {
-    "stock_3680": Load(
-        "stock_3680", "stock software 6.38, 3.68 MHz, no board log", 0.19, 2.0, f"{_PAPER}, Table I"
+    "science_computer_stock": Load(
+        "science_computer_stock",
+        "stock software 6.38, 3.68 MHz, no board log",
+        0.19,
+        2.0,
+        f"{_PAPER}, Table I",
     ),
-    "deployed_14720": Load(
-        "deployed_14720", "deployed software 6.38, 14.72 MHz", 0.71, 2.0, f"{_PAPER}, Table I"
+    "science_computer_deployed": Load(
+        "science_computer_deployed", "deployed software 6.38, 14.72 MHz", 0.71, 2.0, f"{_PAPER}, Table I"
     ),
-    "development_3680": Load(
-        "development_3680",
+    "science_computer_development_3mhz": Load(
+        "science_computer_development_3mhz",
         "development software 6.38, 3.68 MHz",
         0.35,
         4.0,
         f"{_PAPER}, Table I and section II",
     ),
-    "development_7360": Load(
-        "development_7360",
+    "science_computer_development_7mhz": Load(
+        "science_computer_development_7mhz",
         "development software 6.38, 7.36 MHz",
         0.49,
         2.0,
@@ -67,9 +75,11 @@ def _find(table: dict[str, Load], name: str, what: str) -> Load:
     return table[name]
 
 
-def instrument_power(board: str = "board_8", computer: str = "deployed_14720") -> float:
+def instrument_power(
+    board: str = "measurement_board_8", computer: str = "science_computer_deployed"
+) -> float:
     """Extra power of carrying the instrument, W: the board, and the computer above its stock software."""
-    extra = _find(COMPUTERS, computer, "science computer").power - COMPUTERS["stock_3680"].power
+    extra = _find(COMPUTERS, computer, "science computer").power - COMPUTERS["science_computer_stock"].power
     return _find(BOARDS, board, "board").power + extra
 
 
@@ -79,7 +89,9 @@ def ctd_interval(computer: str) -> float:
     return float("nan") if interval is None else interval
 
 
-def instrument_devices(board: str = "board_8", computer: str = "deployed_14720") -> tuple[Device, ...]:
+def instrument_devices(
+    board: str = "measurement_board_8", computer: str = "science_computer_deployed"
+) -> tuple[Device, ...]:
     """The instrument as entries of a vehicle's device table.
 
     Parameters
@@ -104,17 +116,8 @@ def instrument_devices(board: str = "board_8", computer: str = "deployed_14720")
     )
 
 
-def device_toml(board: str = "board_8", computer: str = "deployed_14720") -> str:
-    """The same entries as ``[[device]]`` tables to paste into a vehicle file."""
-    lines = []
-    for device in instrument_devices(board, computer):
-        lines += [
-            "[[device]]",
-            f'name = "{device.name}"',
-            f'group = "{device.group}"',
-            f"power = {{ value = {device.power.value}, sigma = {device.power.sigma:.4f}, "
-            f'source = "{device.power.source}" }}',
-            "states = [" + ", ".join(f'"{state}"' for state in sorted(device.states)) + "]",
-            "",
-        ]
-    return "\n".join(lines)
+def device_toml(board: str = "measurement_board_8", computer: str = "science_computer_deployed") -> str:
+    """The line that selects the same entries of the device catalogue in a vehicle file, before its first
+    table."""
+    names = ", ".join(f'"{device.name}"' for device in instrument_devices(board, computer))
+    return f"devices = [{names}]\n"
