@@ -254,6 +254,7 @@ _FACTORS: dict[str, tuple[str, float]] = {
     "psi": ("Pa", 6894.757),
     "km": ("m", 1e3),
     "cm": ("m", 1e-2),
+    "in": ("m", 0.0254),
     "sec": ("s", 1.0),
     "secs": ("s", 1.0),
     "timestamp": ("s", 1.0),

@@ -1,8 +1,8 @@
 """Printouts of the surface dialog merged into surfacings.
 
-Standard library and records only. A glider prints its state every minute while it waits, and a server repeats old text
-after a reconnect: so equal clocks are one printout, and one surfacing is all printouts between two dives. The last printout
-wins for each datum; a position fix is settled by a vote of all printouts that show the same fix.
+Standard library and records only. A glider prints its state every minute while it waits, and a server repeats old
+text after a reconnect: so equal clocks are one printout, and one surfacing is all printouts between two dives. The
+last printout wins for each datum; a position fix is settled by a vote of all printouts that show the same fix.
 """
 
 from __future__ import annotations
@@ -12,9 +12,11 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import accumulate
 
 from glider_jax.readers.dialog_grammar import printable, to_si, written_moment
 from glider_jax.readers.dialog_records import (
+    NOT_IN_MISSION,
     UNKNOWN,
     AbortHistory,
     Datum,
@@ -33,6 +35,10 @@ SHORTEST_DIVE = 240.0
 LONGEST_SILENCE = 1800.0
 #: s; mission starts (clock less mission time) that differ by more belong to different missions.
 SAME_START = 120.0
+#: A log that names more gliders is noise; what repeats in it is not sought.
+MOST_GLIDERS = 16
+#: After so many copies of one printout, another brings nothing new.
+MOST_COPIES = 32
 #: s; positions measured this close to each other are one fix: ages are rounded and the clock is whole seconds.
 SAME_FIX = 2.0
 #: m; a fix this far from the median of all other positions of its surfacing cannot be right.
@@ -43,8 +49,10 @@ def surfacings_of(dumps: Sequence[Dump]) -> tuple[tuple[Surfacing, ...], tuple[R
     """Surfacings of printouts in the order of the log, ascending in time, and the repairs made on the way."""
     counts: Counter[str] = Counter()
     groups: list[list[Dump]] = []
-    for name in dict.fromkeys(d.vehicle for d in dumps):
-        mine = [d for d in dumps if d.vehicle == name]
+    gliders: dict[str, list[Dump]] = {}
+    for dump in dumps:
+        gliders.setdefault(dump.vehicle, []).append(dump)
+    for mine in gliders.values():
         dated = sorted((d for d in mine if d.dated), key=lambda d: (d.time, d.order))
         groups += _with_undated(_split(dated), [d for d in mine if not d.dated], counts)
     found = [_merged(group, counts) for group in groups]
@@ -66,14 +74,17 @@ def without_copies(dumps: Sequence[Dump]) -> tuple[list[Dump], int]:
         if not dump.dated:
             kept.append(dump)
             continue
-        key = (dump.time, -1.0 if math.isnan(dump.mission_time) else dump.mission_time)
-        for place in places.setdefault(key, []):
-            if similar(kept[place].vehicle, dump.vehicle):
+        near = places.setdefault(
+            (dump.time, -1.0 if math.isnan(dump.mission_time) else dump.mission_time), []
+        )
+        place = next((p for p in near if similar(kept[p].vehicle, dump.vehicle)), None)
+        if place is not None:
+            if kept[place].copies < MOST_COPIES:
                 kept[place] = _joined(kept[place], dump)
-                copies += 1
-                break
+            copies += 1
         else:
-            places[key].append(len(kept))
+            if len(near) < MOST_GLIDERS:
+                near.append(len(kept))
             kept.append(dump)
     return kept, copies
 
@@ -103,7 +114,8 @@ def mended_clocks(dumps: list[Dump]) -> tuple[list[Dump], int]:
 def _joined(first: Dump, second: Dump) -> Dump:
     """Two copies of one printout: each datum from the copy with fewer garbled lines, gaps filled from the other."""
     good, poor = (second, first) if second.garbled < first.garbled else (first, second)
-    last = second if second.state != UNKNOWN else first
+    # A copy that breaks off stops before the prompt that ended the mission: the prompt stands.
+    last = max(first, second, key=lambda d: (d.state == NOT_IN_MISSION, d.state != UNKNOWN))
     return replace(
         good,
         order=first.order,
@@ -168,27 +180,43 @@ def _dived(before: Dump, after: Dump) -> bool:
 
 def _with_undated(groups: list[list[Dump]], undated: list[Dump], counts: Counter[str]) -> list[list[Dump]]:
     """Undated printouts put where they were printed: in the surfacing just before them, or else just after."""
+    counts["undated printout"] += len(undated)
     orders = sorted((d.order, i) for i, group in enumerate(groups) for d in group)
-    alone: list[list[Dump]] = []
+    numbers = [{d.mission_number for d in group} - {""} for group in groups]
+    groups, guests = list(groups), dict[int, list[Dump]]()
     for dump in undated:
-        counts["undated printout"] += 1
         at = bisect.bisect(orders, (dump.order, -1))
         near = [orders[k][1] for k in (at - 1, at) if 0 <= k < len(orders)]
-        home = next((g for g in near if _may_join(groups[g], dump)), None)
-        if home is not None:
-            group = groups[home]
-            earlier = [i for i, d in enumerate(group) if d.order < dump.order]
-            group.insert(earlier[-1] + 1 if earlier else 0, dump)
-        elif alone and _may_join(alone[-1], dump):
-            alone[-1].append(dump)
-        else:
-            alone.append([dump])
-    return groups + alone
+        home = next((g for g in near if _may_join(numbers[g], dump)), None)
+        if home is None:
+            if not groups or groups[-1][0].dated or not _may_join(numbers[-1], dump):
+                groups.append([dump])
+                numbers.append({dump.mission_number} - {""})
+                continue
+            home = len(groups) - 1
+        guests.setdefault(home, []).append(dump)
+    return [_seated(group, guests.get(i, [])) for i, group in enumerate(groups)]
 
 
-def _may_join(group: list[Dump], dump: Dump) -> bool:
-    numbers = {d.mission_number for d in group if d.mission_number}
-    return not (numbers and dump.mission_number and dump.mission_number not in numbers)
+def _may_join(numbers: set[str], dump: Dump) -> bool:
+    return not numbers or not dump.mission_number or dump.mission_number in numbers
+
+
+def _seated(group: list[Dump], guests: list[Dump]) -> list[Dump]:
+    """A group with each undated guest behind the last of its printouts that was printed before the guest."""
+    if not guests:
+        return group
+    # Smallest order from each place on: it never falls, so the last smaller one is found by bisection.
+    least = list(accumulate((d.order for d in reversed(group)), min))[::-1]
+    seats = sorted((bisect.bisect_left(least, g.order) - 1, i) for i, g in enumerate(guests))
+    out: list[Dump] = []
+    k = 0
+    for place in range(-1, len(group)):
+        out += [group[place]] if place >= 0 else []
+        while k < len(seats) and seats[k][0] == place:
+            out.append(guests[seats[k][1]])
+            k += 1
+    return out
 
 
 def _merged(group: list[Dump], counts: Counter[str]) -> Surfacing:
@@ -275,10 +303,14 @@ def _fixes(group: list[Dump], now: float, counts: Counter[str], notes: list[str]
     printed = [(d.time - d.positions["gps"][2], *d.positions["gps"]) for d in group if "gps" in d.positions]
     undated = [Position(la, lo, max(0.0, age), math.nan) for time, la, lo, age in printed if math.isnan(time)]
     dated = sorted(p for p in printed if math.isfinite(p[0]))
+    clusters: list[list[tuple[float, float, float, float]]] = []
+    for one in dated:
+        if clusters and one[0] - clusters[-1][0][0] <= SAME_FIX:
+            clusters[-1].append(one)
+        else:
+            clusters.append([one])
     fixes: list[Position] = []
-    while dated:
-        same = [p for p in dated if p[0] - dated[0][0] <= SAME_FIX]
-        dated = dated[len(same) :]
+    for same in clusters:
         (latitude, longitude), votes = Counter((p[1], p[2]) for p in same).most_common(1)[0]
         counts["conflicting fix"] += len(same) - votes
         first = min((p for p in same if p[1:3] == (latitude, longitude)), key=lambda p: p[3])

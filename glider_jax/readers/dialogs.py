@@ -10,13 +10,20 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from glider_jax.errors import DataError
 from glider_jax.readers.dialog_grammar import clean, garbled, tokens
-from glider_jax.readers.dialog_merge import SAME_START, mended_clocks, similar, surfacings_of, without_copies
+from glider_jax.readers.dialog_merge import (
+    MOST_GLIDERS,
+    SAME_START,
+    mended_clocks,
+    similar,
+    surfacings_of,
+    without_copies,
+)
 from glider_jax.readers.dialog_records import Dump, Surfacing
 from glider_jax.readers.dialog_stream import Stream
 from glider_jax.records import Repair, Source
@@ -96,6 +103,16 @@ def read_dialog(source: str | bytes | os.PathLike[str], *, vehicle: str | None =
     return _log(tuple(dumps), vehicle, _repairs(counts), origin)
 
 
+def joined_logs(logs: Sequence[DialogLog], *, vehicle: str | None = None) -> DialogLog:
+    """Several logs of one glider as one: what two of them recorded (terminal and mission log, say) counts once."""
+    dumps: list[Dump] = []
+    for log in logs:
+        dumps += [replace(d, order=len(dumps) + i) for i, d in enumerate(log.dumps)]
+    files = {path: digest for log in logs for path, digest in log.source.files.items()}
+    reading = tuple(r for log in logs for r in log.reading_repairs)
+    return _log(tuple(dumps), vehicle, reading, Source("Slocum surface dialog", files))
+
+
 def _repairs(counts: Counter[str]) -> tuple[Repair, ...]:
     return tuple(Repair(kind, n, _DETAILS[kind]) for kind, n in counts.items() if n)
 
@@ -139,18 +156,14 @@ def _named(dumps: list[Dump], counts: Counter[str]) -> list[Dump]:
     another glider of nearly this name began its mission at the same time.
     """
     totals = Counter(d.vehicle for d in dumps if d.vehicle)
+    kin = [d for d in dumps if totals[d.vehicle] > 1] if 1 < len(totals) <= MOST_GLIDERS else []
     out = []
     for dump in dumps:
         name = dump.vehicle
         if not name and len(totals) == 1:
             name = next(iter(totals))
-        elif name and totals[name] == 1 and len(totals) > 1:
-            kin = (
-                d.vehicle
-                for d in dumps
-                if totals[d.vehicle] > 1 and similar(d.vehicle, name) and _same(d, dump)
-            )
-            name = next(kin, name)
+        elif name and totals[name] == 1:
+            name = next((d.vehicle for d in kin if similar(d.vehicle, name) and _same(d, dump)), name)
             counts["garbled name"] += name != dump.vehicle
         out.append(dump if name == dump.vehicle else replace(dump, vehicle=name))
     return out

@@ -1,8 +1,8 @@
 """The state file of a dockserver (``gliderState.xml``): positions at each surfacing, next waypoint, last abort.
 
-Standard library and records only. The file is read as text, not as XML: a half-downloaded file then still gives every
-complete report, and no entity of it can do harm. Positions are degrees and minutes, latitude first; times are UTC. One fix
-stands in many reports with times that differ by a second: reports of one fix are one.
+Standard library and records only. The file is read as text, not as XML: a half-downloaded file then still gives
+every complete report, and no entity of it can do harm. Positions are degrees and minutes, latitude first; times are
+UTC. One fix stands in many reports with times that differ by a second: reports of one fix are one.
 """
 
 from __future__ import annotations

@@ -25,7 +25,7 @@ from glider_jax.readers.dialog_records import (
     Surfacing,
     WaterVelocity,
 )
-from glider_jax.readers.dialogs import DialogLog
+from glider_jax.readers.dialogs import DialogLog, joined_logs
 from glider_jax.readers.geodesy import range_and_bearing
 from glider_jax.readers.glider_state import GliderState
 from glider_jax.records import Array
@@ -161,8 +161,7 @@ def latest_state(
         if count:
             notes.append(f"{count} printouts of the dialog are later than the given time and were not used")
         logs, states = [log.until(now) for log in logs], [s.until(now) for s in states]
-    surfacings = [s for log in logs for s in log.surfacings if s.vehicle.casefold() in ("", name.casefold())]
-    surfacings.sort(key=lambda s: s.time if math.isfinite(s.time) else -math.inf)
+    surfacings = list(joined_logs(logs, vehicle=name or None).surfacings)
     fixes = _fixes(surfacings, states, recorded, now)
     heard = [s.time for s in surfacings] + [s.time for s in states] + [f.time for f, _ in fixes]
     last = max((t for t in heard if math.isfinite(t)), default=math.nan)
