@@ -29,7 +29,7 @@ from glider_jax.physics.model import build_model, parameters
 from glider_jax.physics.term import Channel, Sample
 from glider_jax.records import BathymetryGrid, CurrentGrid, Track, WaterProfile
 
-CHUNK = 10_000
+CHUNK = 5_000
 _MOTORS = ("pump out", "pump in", "brake", "hotel")
 
 

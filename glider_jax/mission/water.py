@@ -18,7 +18,7 @@ from glider_jax.mission.ensemble import Column
 from glider_jax.records import WaterProfile
 
 _KELVIN = 273.15
-LEVELS = 24
+SHALLOW_LEVELS, DEEP_LEVELS = 24, 48
 
 
 def make_column(water: WaterProfile | None, vehicle: Vehicle, mission: Mission, latitude: float, *, dtype=jnp.float32):
@@ -36,16 +36,17 @@ def make_column(water: WaterProfile | None, vehicle: Vehicle, mission: Mission, 
     Column, the mean temperature (K) over the dive, and notes for the user.
     """
     deepest = mission.yo.dive_to + 15.0
-    step = deepest / LEVELS
-    depth = (np.arange(LEVELS) + 0.5) * step
+    levels = SHALLOW_LEVELS if deepest <= 200.0 else DEEP_LEVELS
+    step = deepest / levels
+    depth = (np.arange(levels) + 0.5) * step
     phi = math.radians(latitude)
     pressure = np.asarray(pressure_from_depth(depth, phi), float)
     notes: list[str] = []
     if water is None:
         squeeze = 1.0 - vehicle.value("flight.hull_compressibility") * float(np.interp(0.5 * deepest, depth, pressure))
         trimmed = vehicle.value("flight.mass") / (vehicle.value("flight.volume") * squeeze)
-        temperature = np.full(LEVELS, 288.15)
-        rho = np.full(LEVELS, trimmed)
+        temperature = np.full(levels, 288.15)
+        rho = np.full(levels, trimmed)
         notes.append(f"no hydrography given: uniform water of {trimmed:.2f} kg/m3, the vehicle's trim, assumed")
     else:
         dbar = np.asarray(pressure_dbar_from_depth(depth, phi), float)
