@@ -38,7 +38,9 @@ _COUNTS = rf"{_O}(\d{{1,9}}+)/{_O}(\d{{1,9}}+)/{_O}(\d{{1,9}}+)"
 _PATTERNS = {
     "connection": r"Connection Event: Carrier Detect (found|lost)",
     "surface": rf"Glider{_S}({_NAME}) at surface",
-    "because": rf"Because:([^\[\r\n]{{0,200}}+)(?:\[behavior{_S}(\w{{1,64}}+){_S}start_when{_O}={_O}({_N})\])?",
+    "because": (
+        rf"Because:([^\[\r\n]{{0,200}}+)(?:\[behavior{_S}(\w{{1,64}}+){_S}start_when{_O}={_O}({_N})\]|(?=[\[\n]))"
+    ),
     "mission": (
         rf"MissionName:{_O}(\S{{1,64}}+){_G}MissionNum:{_O}(\S{{1,64}}+)(?=\s)"
         rf"{_O}(?:\((\d{{1,8}}+\.\d{{1,8}}+)\))?"
@@ -61,7 +63,7 @@ _PATTERNS = {
         rf"ABORT HISTORY:{_O}(total since reset|last abort (?:cause|details|time|segment|mission)){_O}:{_O}"
         r"([^\r\n]{0,200}+)(?=[\r\n])"
     ),
-    "devices": rf"devices:\(t/m/s\){_O}errs:{_COUNTS}{_O}warn:{_COUNTS}{_O}odd:{_COUNTS}(?!\d)",
+    "devices": rf"devices:\(t/m/s\){_O}errs:{_COUNTS}{_O}warn:{_COUNTS}{_O}odd:{_COUNTS}(?=\s)",
     "water": r"Water Velocity Calculations (NOT )?COMPLETE",
     "postfix": r"Waiting for final GPS fix",
     "resume_menu": r"Hit Control-R to RESUME",
@@ -291,3 +293,25 @@ def to_si(printed: float, unit: str) -> tuple[float, str]:
         return _AXES[unit](printed), "degrees"
     name, factor = _FACTORS.get(unit.lower(), (unit, 1.0))
     return printed * factor, name
+
+
+#: SI units of the sensors that forecasts use; another unit means a garbled line.
+_EXPECTED = {
+    "m_battery": "V",
+    "m_coulomb_amphr": "C",
+    "m_coulomb_amphr_total": "C",
+    "f_coulomb_battery_capacity": "C",
+    "m_lithium_battery_relative_charge": "1",
+    "m_tot_num_inflections": "1",
+    "m_gps_mag_var": "rad",
+}
+
+
+def right_unit(name: str, unit: str) -> bool:
+    """Whether a sensor is printed in a unit that it can have."""
+    si = to_si(0.0, unit)[1]
+    if name.endswith(("_lat", "_lon")):
+        return si == "degrees"
+    if name.endswith(("water_vx", "water_vy")):
+        return si == "m/s"
+    return _EXPECTED.get(name, si) == si

@@ -18,12 +18,13 @@ from glider_jax.readers.dialog_grammar import (
     NEVER,
     UNSET,
     Token,
-    degrees,
     known_age,
     moment,
     number,
     place,
     printable,
+    right_unit,
+    to_si,
 )
 from glider_jax.readers.dialog_records import IN_MISSION, NOT_IN_MISSION, DeviceCounts, Dump
 
@@ -35,7 +36,6 @@ MOST_ERRORS = 20
 
 _KINDS = {"Location": "gps", "TooFar": "too_far", "Invalid": "invalid"}
 _PLACES = frozenset({"gps", "dead_reckoned", "too_far", "invalid"})
-_LIMITS = {"lat": 90.0, "lon": 180.0}
 _NUMBER = re.compile(r"(\S{1,48})-\d{4}-\d{1,3}-\d{1,5}-\d{1,6}", re.ASCII)
 
 
@@ -204,7 +204,7 @@ class Stream:
             self.counts["impossible value"] += math.isnan(age)
         elif abs(value) == UNSET or abs(value) >= NEVER:
             now.defaults.pop(name, None)
-        elif unit in _LIMITS and math.isnan(degrees(value, _LIMITS[unit])):
+        elif not right_unit(name, unit) or math.isnan(to_si(value, unit)[0]):
             self.counts["impossible value"] += 1
         elif age >= NEVER:
             now.defaults[name] = (value, printable(unit))
@@ -215,12 +215,23 @@ class Stream:
 
     def _report(self, token: Token) -> None:
         now = self._last()
-        clock, name, value = token.groups[0], token.groups[1] or "", number(token.groups[2])
-        if now is None or not self.clock_holds or not math.isfinite(value) or abs(value) == UNSET:
+        clock, name, value, unit = (
+            token.groups[0],
+            token.groups[1] or "",
+            number(token.groups[2]),
+            token.groups[3] or "",
+        )
+        if (
+            now is None
+            or not self.clock_holds
+            or not math.isfinite(value)
+            or abs(value) == UNSET
+            or not right_unit(name, unit)
+        ):
             return
         later = number(clock) - now.slots.get("mission_time", math.nan)
         if -1.0 <= later <= LONGEST_REPORT:
-            now.reports.append((max(0.0, later), name, value, printable(token.groups[3] or "")))
+            now.reports.append((max(0.0, later), name, value, printable(unit)))
 
     def _waypoint(self, token: Token) -> None:
         now = self._last()

@@ -143,7 +143,8 @@ def latest_state(
     Parameters
     ----------
     sources : dialog logs, dockserver states and fixes of recordings, in any order.
-    now : s since 1970; nothing later is used. None takes the newest time in the sources.
+    now : s since 1970; nothing later is used. None takes the newest time in the sources. A live caller whose clock
+        may be behind the glider's should not give an earlier time than the newest of the sources.
     vehicle : use only surfacings of this glider; needed where the dialogs name several.
 
     Raises

@@ -116,6 +116,17 @@ class TestOnePrintout:
         one = only("GliderDos N -1 >where\n" + printout(number=None, menu=False))
         assert one.state == "not in mission"
 
+    def test_reason_without_its_bracket_or_cut(self):
+        assert (
+            only(printout().replace("[behavior surface_3", "[beh~vior surface_3")).reason
+            == "no comms for a while"
+        )
+        plain = only(printout().replace(" [behavior surface_3 start_when = 12.0]", ""))
+        assert (
+            plain.reason == "no comms for a while" and plain.behavior == "" and math.isnan(plain.start_when)
+        )
+        assert read_dialog("Because:no com").surfacings == ()
+
     def test_resuming(self):
         assert only(printout() + "RESUMING MISSION\n").resumed
 
@@ -260,6 +271,14 @@ class TestDamage:
         noise = ":OOD:digifin_mgr_ctrl:OUT OF DEADBAND: M_FIN:-0.0318 C_FIN:0.0000\n~\xfe\xff\n"
         clean = only(printout())
         assert only("".join(line + "\n" + noise for line in printout().splitlines())) == clean
+
+    def test_a_garbled_unit_is_no_reading(self):
+        one = only(
+            printout()
+            .replace("(amp-hrs)=100.5", "(amp=hrs)=100.5")
+            .replace("c_wpt_lat(lat)", "c_wpt_lat(la)")
+        )
+        assert one.charge_used is None and "c_wpt_lat" not in one.sensors and one.battery_voltage is not None
 
     def test_a_number_cut_by_a_line_break_is_no_number(self):
         one = only(printout().replace("=100.5 ", "=100\n.5 "))
