@@ -171,6 +171,7 @@ class Emulator:
     faults : ascending by byte.
     seed : of the random content of faults.
     wait : whether to hold the board's clock until a reader has opened the port the first time.
+    patient : whether to wait for a slow reader, as no real line does; for playing faster than the line.
     delivered : (start, stop) ranges of ``data`` that the reader's side took unharmed.
     """
 
@@ -180,6 +181,7 @@ class Emulator:
     faults: list[Fault] = field(default_factory=list)
     seed: int = 0
     wait: bool = True
+    patient: bool = False
     delivered: list[tuple[int, int]] = field(default_factory=list)
     outages: int = 0
 
@@ -200,14 +202,12 @@ class Emulator:
             due = min(int((time.monotonic() - begin) * self.bytes_per_second), len(self.data))
             if faults and faults[0].at < due:
                 fault = faults.pop(0)
-                if fault.at > position:
-                    self._deliver(position, fault.at)
-                    position = fault.at
+                while position < fault.at:
+                    position = self._deliver(position, fault.at)
                 position = self._fault(fault, position, begin, rng, stop)
                 continue
             if due > position:
-                self._deliver(position, due)
-                position = due
+                position = self._deliver(position, due)
             if on_second and time.monotonic() - told >= 1.0:
                 told = time.monotonic()
                 on_second(position)
@@ -215,13 +215,15 @@ class Emulator:
         self._drain(stop)
         self.line.unplug()
 
-    def _deliver(self, start: int, stop: int) -> None:
+    def _deliver(self, start: int, stop: int) -> int:
+        """Send a range and return where in the log the board is then."""
         taken = self.line.send(self.data[start:stop])
         if taken:
             if self.delivered and self.delivered[-1][1] == start:
                 self.delivered[-1] = (self.delivered[-1][0], start + taken)
             else:
                 self.delivered.append((start, start + taken))
+        return start + taken if self.patient else stop
 
     def _fault(
         self, fault: Fault, position: int, begin: float, rng: np.random.Generator, stop: threading.Event

@@ -97,7 +97,7 @@ def robust_fit(
     total = np.maximum(sd, 1e-12)
     start = _least_absolute(design, observed, total)
     residual = observed - design @ start
-    for _ in range(60):
+    for _ in range(40):
         scatter = _scatter(residual, sd, count, parameters)
         total = np.maximum(np.hypot(sd, scatter), 1e-12)
         scaled = residual / total
@@ -107,7 +107,7 @@ def robust_fit(
         residual = observed - design @ new
         moved = np.abs(new - theta).max() if parameters else 0.0
         theta = new
-        if moved <= 1e-10 * max(1.0, float(np.abs(theta).max())):
+        if moved <= 1e-7 * max(1.0, float(np.abs(theta).max())):
             break
     scaled = residual / total
     inside = np.abs(scaled) < _BISQUARE

@@ -30,8 +30,8 @@ def stream(ticks=200, seed=0):
     )
 
 
-def start(line, data, rate, faults=()):
-    emulator = Emulator(line, data, bytes_per_second=rate, faults=list(faults))
+def start(line, data, rate, faults=(), patient=False):
+    emulator = Emulator(line, data, bytes_per_second=rate, faults=list(faults), patient=patient)
     thread, stop = emulator.start()
     if isinstance(line, PtyLine):
         while not line.link.exists():
