@@ -11,6 +11,7 @@ import math
 import os
 import re
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -64,47 +65,47 @@ class GliderState:
     Attributes
     ----------
     vehicle : empty where the file does not say.
+    history : every readable report, ascending in time.
     reports : one per distinct fix (or per dead-reckoned position before the first fix), ascending in time.
     fixes : distinct GPS fixes, ascending in time; ages are at ``time``, the newest report.
-    surface_times : every time at which the glider reported, ascending.
     waypoint : next waypoint with range and true bearing from the newest position. The file keeps the waypoint of an
         old dialog: its ``age`` at ``time`` is that of the newest position that fits the printed range, else NaN.
     last_abort : None where there was none.
     """
 
     vehicle: str
-    reports: tuple[StateReport, ...]
-    fixes: tuple[Position, ...]
-    surface_times: tuple[float, ...]
+    history: tuple[StateReport, ...]
     waypoint: NextWaypoint | None
     last_abort: AbortHistory | None
     repairs: tuple[Repair, ...]
     source: Source
 
     @property
+    def reports(self) -> tuple[StateReport, ...]:
+        """Reports of distinct fixes."""
+        return _distinct(self.history)
+
+    @property
+    def fixes(self) -> tuple[Position, ...]:
+        """Distinct GPS fixes."""
+        return _fixes(self.history, self.time)
+
+    @property
+    def surface_times(self) -> tuple[float, ...]:
+        """Every time at which the glider reported, ascending."""
+        return tuple(r.surface_time for r in self.history)
+
+    @property
     def time(self) -> float:
         """Newest report, s; NaN where there is none."""
-        return self.surface_times[-1] if self.surface_times else math.nan
+        return self.history[-1].surface_time if self.history else math.nan
 
     def until(self, moment: float) -> GliderState:
-        """The state as far as it was known at ``moment``; the waypoint and abort only if nothing came later."""
-        reports = tuple(
-            replace(r, surface_time=min(r.surface_time, moment))
-            for r in self.reports
-            if r.first_surface_time <= moment
-        )
-        times = tuple(t for t in self.surface_times if t <= moment)
-        last = times[-1] if times else math.nan
-        fixes = tuple(replace(f, age=max(0.0, last - f.time)) for f in self.fixes if f.time <= last)
-        whole = len(times) == len(self.surface_times)
-        return replace(
-            self,
-            reports=reports,
-            fixes=fixes,
-            surface_times=times,
-            waypoint=self.waypoint if whole else None,
-            last_abort=self.last_abort if whole else None,
-        )
+        """The state as far as it was known at ``moment``; the waypoint and abort only if no report came later."""
+        kept = tuple(r for r in self.history if r.surface_time <= moment)
+        if len(kept) == len(self.history):
+            return self
+        return replace(self, history=kept, waypoint=None, last_abort=None)
 
 
 def read_glider_state(source: bytes | os.PathLike[str], *, vehicle: str = "") -> GliderState:
@@ -132,19 +133,15 @@ def read_glider_state(source: bytes | os.PathLike[str], *, vehicle: str = "") ->
     if "</gliderState>" not in text:
         counts["half a file"] += 1
     reports.sort(key=lambda r: r.surface_time)
-    kept = _distinct(reports)
-    counts["repeated report"] = len(reports) - len(kept)
-    times = tuple(r.surface_time for r in reports)
-    fixes = _fixes(reports, times[-1] if times else math.nan)
-    places = [r.gps or r.dead_reckoned for r in kept]
+    history = tuple(reports)
+    counts["repeated report"] = len(history) - len(_distinct(history))
+    places = [r.gps or r.dead_reckoned for r in history]
     here = next((p for p in reversed(places) if p is not None), None)
     named = _VEHICLE.search(text)
     return GliderState(
         vehicle=vehicle or (printable(named[1]) if named else ""),
-        reports=kept,
-        fixes=fixes,
-        surface_times=times,
-        waypoint=_waypoint(text, here, reports),
+        history=history,
+        waypoint=_waypoint(text, here, history),
         last_abort=_last_abort(text),
         repairs=tuple(Repair(kind, n) for kind, n in counts.items() if n),
         source=origin,
@@ -185,7 +182,7 @@ def _report(part: str, counts: Counter[str]) -> StateReport | None:
     return StateReport(when, when, *(places.get(k) for k in ("gps", "dead_reckoned", "invalid", "too_far")))
 
 
-def _distinct(reports: list[StateReport]) -> tuple[StateReport, ...]:
+def _distinct(reports: Sequence[StateReport]) -> tuple[StateReport, ...]:
     """Neighbouring reports of one fix joined; the newest positions stand."""
     kept: list[StateReport] = []
     for report in reports:
@@ -207,7 +204,7 @@ def _same(one: StateReport, other: StateReport) -> bool:
     return abs(one.dead_reckoned.time - other.dead_reckoned.time) <= SAME_FIX
 
 
-def _fixes(reports: list[StateReport], now: float) -> tuple[Position, ...]:
+def _fixes(reports: Sequence[StateReport], now: float) -> tuple[Position, ...]:
     out: list[Position] = []
     for fix in sorted((r.gps for r in reports if r.gps is not None), key=lambda p: p.time):
         if not out or fix.time - out[-1].time > SAME_FIX:
@@ -215,7 +212,7 @@ def _fixes(reports: list[StateReport], now: float) -> tuple[Position, ...]:
     return tuple(out)
 
 
-def _waypoint(text: str, here: Position | None, reports: list[StateReport]) -> NextWaypoint | None:
+def _waypoint(text: str, here: Position | None, reports: Sequence[StateReport]) -> NextWaypoint | None:
     said = {name.strip().lower(): value for name, value in _PARAMETER.findall(text)}
     pair = _PAIR.match(said.get("next waypoint coordinates", ""))
     where = place(pair[1], pair[2]) if pair else None
@@ -229,7 +226,7 @@ def _waypoint(text: str, here: Position | None, reports: list[StateReport]) -> N
     return NextWaypoint(*where, *way, printed, bearing, _waypoint_age(where, printed, reports))
 
 
-def _waypoint_age(where: tuple[float, float], printed: float, reports: list[StateReport]) -> float:
+def _waypoint_age(where: tuple[float, float], printed: float, reports: Sequence[StateReport]) -> float:
     """Age at the newest report of the report from whose position the printed range was measured."""
     slack = max(5.0, 0.005 * printed)
     for report in reversed(reports):

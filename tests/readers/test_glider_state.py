@@ -94,6 +94,7 @@ class TestState:
         assert len(then.fixes) == 1 and then.surface_times[-1] == MOMENT + 160.0 and then.waypoint is None
         later = [*REPORTS[:-1], (MOMENT + 9000.0, MOMENT + 8900.0, "6000.000", "100.0")]
         assert state(later).until(MOMENT + 200.0).fixes == then.fixes
+        assert state(later).until(MOMENT + 200.0).reports == then.reports == state(REPORTS[:3]).reports
 
     def test_errors_say_what_to_do(self, tmp_path):
         with pytest.raises(DataError, match="expected a dockserver state with <gliderState>"):
