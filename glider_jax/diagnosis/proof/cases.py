@@ -198,6 +198,7 @@ OUTSIDE: dict[str, Draw] = {
 
 UNSCALED = {"period", "scale", "onset", "begin", "end", "both_gauges", "decay"}
 FIXED = {"out.frozen_pitch", "out.pump_retries"}  # a fault of sensor or pump: as strong as drawn
+UNSEEN = {0: ("energy.cold_friction",)}  # what a region cannot show: its water is never colder than 15 degC
 CONFUSABLE = (
     ("flight.ballast_offset", "flight.pitch_offset"),
     ("flight.hull_compressibility", "flight.thermal_expansion"),
@@ -252,7 +253,7 @@ def draw_effect(
 
     Raises
     ------
-    ConfigError : the id is not one that the truth can fly.
+    ConfigError : the id is not one that the truth can fly, or the region's mission cannot show it.
     """
     known = recipes()
     if id not in known:
@@ -263,8 +264,10 @@ def draw_effect(
         return full, float("nan")
     world = world_of(region)
     reached = signal_to_noise(world, full)
+    if reached < 1e-6:
+        raise ConfigError(f"prove: '{id}' leaves no trace in {REGIONS[region].name}. Choose another region.")
     for _ in range(3):  # effects are close to linear: three steps settle the scale
-        factor = wanted / max(reached, 1e-9)
+        factor = wanted / reached
         full = {k: v if k.rsplit(".", 1)[1] in UNSCALED else v * factor for k, v in full.items()}
         reached = signal_to_noise(world, full)
         if abs(reached / wanted - 1.0) < 0.01:
@@ -282,14 +285,16 @@ def draw_truth(spec: Spec) -> dict:
     shift = {k: float(np.clip(rng.standard_normal(), -2.0, 2.0)) * SIGMA[k] for k in CALIBRATED}
     true = replace(nominal, **{k: getattr(nominal, k) + d for k, d in shift.items()})
     effects: dict[str, float] = {}
-    strengths: dict[str, float] = {}
+    strengths: dict[str, float | None] = {}
     for id, wanted in spec.effects:
         drawn, reached = draw_effect(id, wanted, spec.region, rng)
         effects |= drawn
-        strengths[id] = reached
+        strengths[id] = reached if math.isfinite(reached) else None
     faint: dict[str, float] = {}
     named = {id for id, _ in spec.effects}
-    for id in rng.choice([k for k in PUBLISHED if k not in named], 8, replace=False):
+    for id in rng.choice(
+        [k for k in PUBLISHED if k not in named and k not in UNSEEN.get(spec.region, ())], 8, replace=False
+    ):
         drawn, _ = draw_effect(str(id), float(rng.uniform(0.05, 0.3)), spec.region, rng)
         faint |= drawn
     # Without a product the whole flow is a current that nobody gave; half of the cases of that effect are so.

@@ -137,7 +137,7 @@ def judge(
         "kind": truth["kind"],
         "region": truth["region"],
         "truth": real,
-        "strength": strength(truth) if real else None,
+        "strength": strength(truth) if math.isfinite(strength(truth)) else None,
         "named": found,
         "verdict": verdict,
         "alarm": bool(found),

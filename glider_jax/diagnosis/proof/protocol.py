@@ -25,7 +25,7 @@ import numpy as np
 
 import glider_jax
 from glider_jax.diagnosis.proof import cases as cases_
-from glider_jax.diagnosis.proof.cases import CONFUSABLE, FURTHER, OUTSIDE, PUBLISHED, REGIONS, Spec
+from glider_jax.diagnosis.proof.cases import CONFUSABLE, FURTHER, OUTSIDE, PUBLISHED, REGIONS, UNSEEN, Spec
 from glider_jax.diagnosis.proof.metrics import confusion, judge, summary, table
 from glider_jax.errors import ConfigError, did_you_mean
 
@@ -41,7 +41,6 @@ ABLATIONS: dict[str, dict[str, Any]] = {
     "no-priors": {"priors": False},
     "without-truth": {"exclude": ()},
 }
-_MEANINGLESS = {0: ("energy.cold_friction", "energy.cold_resistance", "flight.salinity_bias")}
 
 
 def library_hash() -> str:
@@ -85,7 +84,7 @@ def draw_specs(count: int, seed: int, kind: str | None = None, further: bool = F
                 ids = CONFUSABLE[rng.integers(len(CONFUSABLE))] if i % 2 == 0 else _strangers(rng, known)
             else:
                 ids = (outside[i],)
-            allowed = [r for r in range(len(REGIONS)) if not set(ids) & set(_MEANINGLESS.get(r, ()))]
+            allowed = [r for r in range(len(REGIONS)) if not set(ids) & set(UNSEEN.get(r, ()))]
             size_of = np.exp(rng.uniform(np.log(WEAKEST), np.log(STRONGEST), len(ids)))
             if name == "out":
                 size_of = np.exp(rng.uniform(np.log(8.0), np.log(STRONGEST), len(ids)))
