@@ -85,7 +85,7 @@ class Stream:
         hurt = Counter(bisect.bisect(starts, where) - 1 for where in torn)
         return [self._dump(i, draft, hurt[i]) for i, draft in enumerate(self.drafts)]
 
-    def _dump(self, order: int, draft: _Draft, hurt: int) -> Dump:
+    def _dump(self, order: int, draft: Draft, hurt: int) -> Dump:
         return Dump(
             order=order,
             positions=draft.positions,

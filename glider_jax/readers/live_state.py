@@ -53,7 +53,7 @@ class RecordedFixes:
     name: str = "recording"
 
 
-_Aged = TypeVar("_Aged", Position, Datum, WaterVelocity, Position | None)
+_Aged = TypeVar("_Aged", Position, Datum, WaterVelocity | None, Position | None)
 
 Evidence = DialogLog | GliderState | RecordedFixes
 
@@ -72,7 +72,7 @@ class LiveState:
     state : ``in mission``, ``not in mission`` or ``unknown``, from that surfacing; ``resumed`` if it dived again.
     sensors : newest reading of each sensor of all surfacings; ``defaults`` values never set since the glider started.
     waypoint : newest; range and true bearing from the newest position.
-    water_velocity : newest ``m_water_v``, along the glider's axes; ``water_complete`` as of the last surfacing.
+    water_velocity : newest ``m_water_v``, along the glider's axes; ``water_complete`` as said with it.
     last_heard : newest clock printed, report or fix, s; NaN where nothing is dated.
     notes : sentences on what was left out or is doubtful.
     """
@@ -173,7 +173,7 @@ def latest_state(
     dead = [s.dead_reckoned for s in surfacings] + [r.dead_reckoned for s in states for r in s.reports]
     notes += newest.notes if newest is not None else ()
     here = gps or _newest(dead)
-    water = [s.water_velocity for s in surfacings if s.water_velocity is not None]
+    wet = next((s for s in reversed(surfacings) if s.water_velocity is not None), None)
     return LiveState(
         now=at,
         vehicle=name,
@@ -187,8 +187,8 @@ def latest_state(
         sensors={n: _aged(d, at) for n, d in sorted(sensors.items())},
         defaults={n: d for s in surfacings for n, d in s.defaults.items() if n not in sensors},
         waypoint=_waypoint(surfacings, states, here),
-        water_velocity=_aged(water[-1], at) if water else None,
-        water_complete=newest.water_complete if newest is not None else None,
+        water_velocity=_aged(wet.water_velocity, at) if wet is not None else None,
+        water_complete=wet.water_complete if wet is not None else None,
         aborts=_abort(surfacings, states),
         last_heard=last,
         notes=tuple(dict.fromkeys(notes)),

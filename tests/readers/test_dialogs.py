@@ -352,9 +352,9 @@ class TestSpeed:
     )
     def test_a_line_of_a_megabyte(self, piece):
         text = piece * (1_000_000 // len(piece))
-        begin = time.perf_counter()
+        begin = time.process_time()
         read_dialog(text)
-        spent = time.perf_counter() - begin
+        spent = time.process_time() - begin
         assert spent < 5.0, f"{spent:.1f} s for {piece!r}"
 
     @pytest.mark.parametrize(
@@ -377,16 +377,16 @@ class TestSpeed:
     )
     def test_many_printouts(self, line):
         text = "".join(line(i) for i in range(8000))
-        begin = time.perf_counter()
+        begin = time.process_time()
         read_dialog(text)
-        spent = time.perf_counter() - begin
+        spent = time.process_time() - begin
         assert spent < 5.0, f"{spent:.1f} s"
 
     def test_many_lines(self):
         text = "".join(printout(MOMENT + 60.0 * i, sensors=False) for i in range(500))
-        begin = time.perf_counter()
+        begin = time.process_time()
         one = only(text)
-        assert one.dumps == 500 and time.perf_counter() - begin < 5.0
+        assert one.dumps == 500 and time.process_time() - begin < 5.0
 
 
 class TestFuzz:

@@ -113,9 +113,9 @@ class TestState:
         ["<report>", "<valid_location><lat>", "<name>", "<lastAbort ", "<lastAbort a=", "(1,", "</report>"],
     )
     def test_a_line_of_a_megabyte(self, piece):
-        begin = time.perf_counter()
+        begin = time.process_time()
         read_glider_state(b"<gliderState>" + piece.encode() * (1_000_000 // len(piece)))
-        assert time.perf_counter() - begin < 5.0
+        assert time.process_time() - begin < 5.0
 
     def test_real_state(self, real):
         found = read_glider_state(real("live", "dockserver", "gliderState_dfo-maria997.xml"))
