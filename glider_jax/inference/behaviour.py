@@ -379,7 +379,7 @@ def learn(
     duration = _duration_law(all_ways, assumed)
     speed = _speed_law(all_ways, assumed)
     felt = [complex(s.glider_current_east, s.glider_current_north) for s in segments]
-    before = [complex(np.nan, np.nan), *felt[:-1]]
+    before = [complex(np.nan, np.nan), *felt[:-1]][: len(felt)]
     starts = [(s.start_latitude, s.start_longitude) for s in segments]
     steering = _steering(all_ways, starts, log, before, aims)
     moved = [w.water for w in all_ways if np.isfinite(w.water) and abs(w.water) > 0.0]

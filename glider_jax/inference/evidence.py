@@ -20,16 +20,14 @@ from glider_jax.inference.currents import Observations, drifted, felt, observati
 from glider_jax.readers.dead_reckoning import Variation, magnetic_variation, metres, to_true
 from glider_jax.readers.dialog_records import Surfacing
 from glider_jax.readers.dives import between, fixes, legs, underwater, until
+from glider_jax.readers.glider_state import GliderState
+from glider_jax.readers.live_state import NoFix
 from glider_jax.readers.segments import Segment, dive_segments
 from glider_jax.records import Array, Recording
 
 _WINDOW = 12 * 86400.0
 #: rad; what anomalies of the crust and the years leave the reference field uncertain by.
 _FIELD_SD = math.radians(1.5)
-
-
-class StaleError(DataError):
-    """The newest fix is too old to forecast from."""
 
 
 @dataclass(frozen=True)
@@ -91,14 +89,15 @@ def situation_of(
 
     Raises
     ------
-    DataError : there is no fix, or the newest dialog says that no mission runs.
+    NoFix : there is no fix up to the moment.
+    DataError : the newest dialog says that no mission runs.
     """
     heard = [s for s in surfacings if np.isfinite(s.time)]
     known = None if recording is None else _cut(recording, moment)
     time, latitude, longitude = fixes(known) if known is not None else (np.empty(0),) * 3
     if time.size == 0 and not any(s.fixes for s in heard):
         name = recording.name if recording is not None else "dialog"
-        raise DataError(
+        raise NoFix(
             f"{name}: expected a GPS fix to forecast from, found none. Give files that hold the last surfacing, "
             "or wait for the next dialog."
         )
@@ -181,6 +180,52 @@ def _variation(known, heard, given, place) -> tuple[Variation, list[str]]:
     value = -declination(place[1], place[2], place[0])
     text = f"magnetic variation {math.degrees(value):+.1f} degrees west, of the reference field at the fix"
     return Variation(value, _FIELD_SD, "reference field"), [f"{text}; --variation-deg sets another"]
+
+
+def surfacings_of_state(state: GliderState, until: float = math.inf) -> list[Surfacing]:
+    """Surfacings of a dockserver's state file: stays with fixes, no more than twenty minutes between them."""
+    fixes = [f for f in state.fixes if f.time <= until]
+    starts = [k for k, f in enumerate(fixes) if k == 0 or f.time - fixes[k - 1].time > 1200.0]
+    nan = math.nan
+    found = []
+    for a, b in zip(starts, [*starts[1:], len(fixes)], strict=True):
+        stay = tuple(fixes[a:b])
+        found.append(
+            Surfacing(
+                vehicle=state.vehicle,
+                mission="",
+                mission_number="",
+                time=stay[-1].time,
+                first_time=stay[0].time,
+                mission_time=nan,
+                reason="",
+                behavior="",
+                start_when=nan,
+                state="unknown",
+                evidence="",
+                resumed=False,
+                gps=stay[-1],
+                dead_reckoned=None,
+                too_far=None,
+                invalid=None,
+                fixes=stay,
+                sensors={},
+                defaults={},
+                waypoint=state.waypoint if b == len(fixes) and until == math.inf else None,
+                water_velocity=None,
+                initial_water_velocity=None,
+                final_water_velocity=None,
+                water_complete=None,
+                time_until_diving=nan,
+                aborts=None,
+                devices=None,
+                errors=(),
+                abort_code=None,
+                lab_mode=False,
+                dumps=1,
+            )  # fmt: skip
+        )
+    return found
 
 
 def dialog_segments(heard: Sequence[Surfacing], turn: Variation) -> list[Segment]:

@@ -78,6 +78,7 @@ def assemble(
     mission: Mission | None = None,
     product=None,
     bathymetry=None,
+    ruled: bool = True,
 ) -> Scenario:
     """Draw every member of a forecast and prepare its run.
 
@@ -86,7 +87,7 @@ def assemble(
     vehicle : for energies; speeds come from the situation.
     n, seed : members and the seed of all draws.
     horizon : s to forecast; None: as long as the next surfacing takes, in a fixed number of outputs.
-    mission : as flown, if known; its surfacing rules and waypoints are then used.
+    mission : as flown, if known; its waypoints and yos are then used, and with ``ruled`` its surfacing rules.
     product : None or a function of UTC s (m,) giving (2, m) m/s of a current product where the glider will be.
     """
     from glider_jax.mission.forecast import prepare
@@ -122,10 +123,14 @@ def assemble(
     )
     heading = _angle(known.headings(n, rng, told) - engine)
     by_waypoint = np.zeros(n, bool)
-    ruled = mission is not None
+    ruled = mission is not None and ruled
     if ruled:
         duration = np.where(astray, duration, np.nan)
-    elif situation.waypoint is not None and _successor(situation, situation.waypoint) is None:
+    elif (
+        mission is None
+        and situation.waypoint is not None
+        and _successor(situation, situation.waypoint) is None
+    ):
         arrival = _arrival(to, currents.mean(2), speed, flown.waypoint_radius)
         by_waypoint = (rng.random(n) < _COMES_UP) & (arrival < duration)
         duration = np.where(by_waypoint, arrival + 0.5 * known.dive_to / known.up, duration)
@@ -186,7 +191,9 @@ def _mission(situation: Situation, given: Mission | None, speed: float, duration
     limits = (math.radians(5.1), math.radians(59.9))
     pitches = [float(np.clip(math.atan2(rate, speed), *limits)) for rate in (known.down, known.up)]
     if given is not None:
-        yo = replace(given.yo, dive_pitch=pitches[0], climb_pitch=pitches[1])
+        yo = given.yo
+        if known.segments:
+            yo = replace(yo, dive_pitch=pitches[0], climb_pitch=pitches[1])
         return replace(given, yo=yo, surface_stay=known.stay, first_waypoint=_first(given, situation))
     yo = Yo(known.dive_to, known.climb_to, pitches[0], pitches[1], dive_altitude=None, overshoot=0.0)
     # The rule counts from the dive; on average half a climb follows it.

@@ -1,0 +1,53 @@
+"""Figures of a hindcast: promised against found coverage, and errors against those of persistence."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from matplotlib.figure import Figure
+
+from glider_jax.products import scores
+from glider_jax.products.atomic import atomic_path
+from glider_jax.products.hindcast import Case
+
+_INK, _BLUE, _GREY = "#222222", "#1f6fb4", "#999999"
+
+
+def plot_reliability(cases: list[Case], path: Path) -> Path:
+    """Draw coverage of places and times with 95 % intervals, and each case's error; return the path."""
+    with matplotlib.rc_context({"font.size": 9}):
+        figure = Figure(figsize=(8.0, 3.8), layout="constrained")
+        left, right = figure.subplots(1, 2)
+        time = scores.reliability(np.array([c.time_below for c in cases], float))
+        place = [
+            {"probability": p, **scores.coverage(flags)}
+            for p, flags in ((0.5, [c.inside50 for c in cases]), (0.9, [c.inside90 for c in cases]))
+        ]
+        left.plot([0, 1], [0, 1], color=_GREY, linewidth=1)
+        for rows, name, colour, shift in ((time, "time", _GREY, -0.008), (place, "place", _BLUE, 0.008)):
+            promised = np.array([r["probability"] for r in rows])
+            found = np.array([r["share"] for r in rows])
+            low, high = np.array([r["interval"] for r in rows]).T
+            bars = np.maximum([found - low, high - found], 0.0)
+            left.errorbar(promised + shift, found, bars, fmt="o", color=colour, capsize=3, label=name)
+        left.set(xlabel="promised share", ylabel="found share", xlim=(0, 1), ylim=(0, 1.02))
+        left.set_title(f"Coverage, {len(cases)} surfacings; bars 95 %")
+        left.legend(frameon=False)
+        ours = np.array([c.error for c in cases]) / 1e3
+        theirs = np.array([c.persistence for c in cases]) / 1e3
+        names = sorted({c.recording for c in cases})
+        for k, name in enumerate(names):
+            mine = np.array([c.recording == name for c in cases])
+            right.plot(theirs[mine], ours[mine], "osd^vP*X"[k % 8], markersize=4, label=name)
+        most = max(float(ours.max()), float(theirs.max()), 0.1) * 1.2
+        least = max(min(float(ours.min()), float(theirs.min())) * 0.8, 0.005)
+        right.plot([least, most], [least, most], color=_GREY, linewidth=1)
+        right.set(xscale="log", yscale="log", xlim=(least, most), ylim=(least, most))
+        right.set(xlabel="error of persistence, km", ylabel="error of the forecast, km")
+        right.set_title("Each surfacing; below the line is better")
+        right.legend(frameon=False, fontsize=7)
+        with atomic_path(path) as temporary:
+            figure.savefig(temporary, dpi=150, format="png")
+    return Path(path)
