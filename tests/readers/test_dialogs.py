@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import sys
 import time
 from pathlib import Path
@@ -445,6 +446,20 @@ class TestRealLogs:
         assert sum(s.dumps for s in log.surfacings) == printouts
         assert sum(len(s.fixes) for s in log.surfacings) == fixes
         assert set(log.vehicles) <= {"calanus"} and not any(s.in_mission for s in log.surfacings)
+
+    @pytest.mark.parametrize(
+        ("name", "readings"),
+        [("ZOCTerminal_Log_Calanus.txt", 158), ("01680000.mlg", 108), ("01720000.mlg", 0)],
+    )
+    def test_no_reading_of_a_printout_is_lost(self, real, name, readings):
+        """Counted by one plain search: readings with an age, lines in all, lines never set."""
+        path = real("live", "swfsc_terminal_logs", name)
+        text, log = path.read_bytes(), read_dialog(path)
+        plain = re.findall(rb"sensor:\w+\([^)]*\)=\S+ +\d[\d.]* secs ago", text)
+        assert sum(len(d.sensors) for d in log.dumps) == len(plain) == readings
+        lines = sum(len(d.sensors) + len(d.defaults) + len(d.positions) for d in log.dumps)
+        unset = text.count(b"69696969.000 E")
+        assert lines + unset == text.count(b"secs ago")
 
     def test_terminal_log_data(self, real):
         first, second = read_dialog(
