@@ -14,7 +14,7 @@ def prove(
     seed: Annotated[
         int | None, typer.Option(help="Seed of the truths; left out, it is drawn and told.")
     ] = None,
-    set: Annotated[str | None, typer.Option(help="Only one set: null, single, pair or out.")] = None,
+    set: Annotated[str | None, typer.Option(help="Only one set: null, single, pair, out or real.")] = None,
     jobs: Annotated[int, typer.Option(min=1, help="Cases diagnosed at the same time.")] = 1,
     further: Annotated[bool, typer.Option(help="Conceal effects beyond the published list too.")] = False,
     ablation: Annotated[
@@ -25,6 +25,7 @@ def prove(
         bool, typer.Option(help="Diagnose again with the truth given, for the relative gain.")
     ] = True,
     keep: Annotated[bool, typer.Option(help="Leave the files of the cases.")] = False,
+    real: Annotated[Path | None, typer.Option(help="Folder of real recordings, for the set real.")] = None,
     seal_only: Annotated[bool, typer.Option(help="Write the hashes of the truths and stop.")] = False,
     diagnosis: Annotated[str, typer.Option(help="module:function to score.", show_default=False)] = "",
     as_json: Annotated[bool, typer.Option("--json", help="Print the scores as JSON.")] = False,
@@ -43,12 +44,23 @@ def prove(
         typer.echo(text, err=True)
 
     if seal_only:
-        protocol.seal(out, cases, seed, set, further)
+        protocol.seal(out, cases, seed, set, further, real)
         sealed = json.loads((out / "sealed.json").read_text(encoding="utf-8"))
         typer.echo(f"{len(sealed['truths'])} truths sealed, SHA-256 {sealed['truths_sha256']}")
         return
     report = protocol.prove(
-        out, cases, seed, set, jobs, diagnosis or protocol.DIAGNOSIS, ablation, oracle, further, keep, said
+        out,
+        cases,
+        seed,
+        set,
+        jobs,
+        diagnosis or protocol.DIAGNOSIS,
+        ablation,
+        oracle,
+        further,
+        keep,
+        real,
+        said,
     )
     if as_json:
         typer.echo(json.dumps(report))

@@ -211,7 +211,13 @@ def summary(results: Sequence[Mapping]) -> dict[str, Any]:
             "nothing said": share(not r["detected"] for r in by["out"]),
         }
     if by["real"]:
-        out["real"] = {"found": share(r["one_found"] for r in by["real"])} | _shares(by["real"])
+        # An effect that is named of the untouched recording too was not found by what was put in.
+        new = [r | {"new": not set(r["truth"]) & set(r.get("natural", []))} for r in by["real"]]
+        out["real"] = {
+            "found": share(r["one_found"] and r["new"] for r in new),
+            "found by class": share(r["all_in_class"] and r["new"] for r in new),
+            "named as found already": share(not r["new"] for r in new),
+        }
     strong = [r for r in by["single"] + by["pair"] if r["strength"] >= STRONG]
     out["coverage of 90 % intervals"] = share(c for r in strong for c in r["covered"])
     out["held-out gain over oracle's"] = median(r["gain"] for r in strong if r["gain"] is not None)

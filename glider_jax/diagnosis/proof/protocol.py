@@ -25,12 +25,13 @@ import numpy as np
 
 import glider_jax
 from glider_jax.diagnosis.proof import cases as cases_
+from glider_jax.diagnosis.proof import spikes
 from glider_jax.diagnosis.proof.cases import CONFUSABLE, FURTHER, OUTSIDE, PUBLISHED, REGIONS, UNSEEN, Spec
-from glider_jax.diagnosis.proof.metrics import confusion, judge, summary, table
+from glider_jax.diagnosis.proof.metrics import confusion, judge, named, summary, table
 from glider_jax.errors import ConfigError, did_you_mean
 
 DIAGNOSIS = "glider_jax.diagnosis.run:diagnose"
-SETS = ("null", "single", "pair", "out")
+SETS = ("null", "single", "pair", "out", "real")
 SHARES = {"null": 0.25, "single": 0.45, "pair": 0.15, "out": 0.15}
 WEAKEST, STRONGEST = 2.0, 40.0
 # Options a diagnosis may offer; an ablation it does not offer is refused, not ignored.
@@ -94,6 +95,20 @@ def draw_specs(count: int, seed: int, kind: str | None = None, further: bool = F
     return specs
 
 
+def draw_spikes(count: int, seed: int, real: Path) -> list[dict]:
+    """Truths of effects put into real recordings, each effect once before any comes twice."""
+    rng = np.random.default_rng([seed, 5])
+    known = spikes.available(real)
+    order = [known[i] for _ in range(count // len(known) + 1) for i in rng.permutation(len(known))][:count]
+    factors = rng.choice([0.5, 1.0, 2.0], count) * rng.choice([1.0, -1.0], count)
+    out = []
+    for i, ((recording, id), factor) in enumerate(zip(order, factors, strict=True)):
+        one_way = id.startswith("energy.")
+        size = abs(float(factor)) if one_way else float(factor)
+        out.append(spikes.truth_of(recording, id, size, f"real{i + 1:03d}") | {"spec": None})
+    return out
+
+
 def _strangers(rng: np.random.Generator, known: Sequence[str]) -> tuple[str, str]:
     """Two effects of different parts of the physics."""
     while True:
@@ -102,7 +117,14 @@ def _strangers(rng: np.random.Generator, known: Sequence[str]) -> tuple[str, str
             return a, b
 
 
-def seal(out: Path, count: int, seed: int | None, kind: str | None, further: bool = False) -> list[dict]:
+def seal(
+    out: Path,
+    count: int,
+    seed: int | None,
+    kind: str | None,
+    further: bool = False,
+    real: Path | None = None,
+) -> list[dict]:
     """Draw the truths of a run and publish their hashes; a run begun before is taken up as it was.
 
     Returns the truths. ``sealed.json`` holds hashes only; the truths lie in ``truths/``, which no diagnosis is given.
@@ -122,14 +144,20 @@ def seal(out: Path, count: int, seed: int | None, kind: str | None, further: boo
         return [_open(out, name, digest) for name, digest in sealed["truths"].items()]
     library = library_hash()
     chosen = secrets.randbelow(2**31) if seed is None else seed
-    specs = draw_specs(count, chosen, kind, further)
+    if kind == "real":
+        if real is None:
+            raise ConfigError("prove: the set 'real' needs --real, the folder of the real recordings.")
+        drawn = draw_spikes(count, chosen, real)
+    else:
+        specs = draw_specs(count, chosen, kind, further)
+        drawn = [cases_.draw_truth(spec) | {"spec": asdict(spec)} for spec in specs]
     (out / "truths").mkdir(parents=True, exist_ok=True)
     truths, hashes = [], {}
-    for spec in specs:
-        truth = cases_.draw_truth(spec) | {"spec": asdict(spec)}
+    for truth in drawn:
+        name = truth["name"]
         text = cases_.dump(truth)
-        (out / "truths" / f"{spec.name}.json").write_text(text, encoding="utf-8")
-        hashes[spec.name] = hashlib.sha256(text.encode()).hexdigest()
+        (out / "truths" / f"{name}.json").write_text(text, encoding="utf-8")
+        hashes[name] = hashlib.sha256(text.encode()).hexdigest()
         truths.append(json.loads(text))
     together = hashlib.sha256("".join(hashes.values()).encode()).hexdigest()
     sealed = asked | {
@@ -193,34 +221,57 @@ def accepts(function: Callable, name: str) -> bool:
     return name in parameters or any(p.kind is p.VAR_KEYWORD for p in parameters.values())
 
 
-def run_case(
-    out: Path, truth: Mapping, diagnosis: str, ablation: str | None, oracle: bool, keep: bool
-) -> dict:
-    """Write one case, diagnose it and score it; called in a worker. The result is written to ``results/``."""
-    diagnose = load_diagnosis(diagnosis)
+def run_case(out: Path, truth: Mapping, settings: Mapping[str, Any]) -> dict:
+    """Write one case, diagnose it and score it; called in a worker. The result is written to ``results/``.
+
+    ``settings``: ``diagnosis``, ``ablation``, ``oracle``, ``keep`` and ``real`` of :func:`prove`.
+    """
+    diagnose = load_diagnosis(settings["diagnosis"])
     name = truth["name"]
     folder = out / "cases" / name
     if not (folder / "recording.nc").exists():
-        spec = truth["spec"]
-        effects = tuple((id, strength) for id, strength in spec["effects"])
-        cases_.write_case(
-            folder, Spec(spec["name"], spec["kind"], effects, spec["region"], spec["seed"]), truth
-        )
+        if truth["kind"] == "real":
+            spikes.write_spiked(folder, settings["real"], truth)
+        else:
+            spec = truth["spec"]
+            effects = tuple((id, strength) for id, strength in spec["effects"])
+            cases_.write_case(
+                folder, Spec(spec["name"], spec["kind"], effects, spec["region"], spec["seed"]), truth
+            )
     began = time.perf_counter()
-    found = diagnose(folder, out / "diagnosed" / name, **options_of(diagnose, ablation, truth))
+    found = diagnose(folder, out / "diagnosed" / name, **options_of(diagnose, settings["ablation"], truth))
     seconds = time.perf_counter() - began
     best = None
     ids = tuple(sorted(cases_.grouped(truth["effects"])))
-    if oracle and ids and truth["kind"] in ("single", "pair") and accepts(diagnose, "only"):
+    if settings["oracle"] and ids and truth["kind"] in ("single", "pair") and accepts(diagnose, "only"):
         best = diagnose(folder, out / "diagnosed" / f"{name}_oracle", only=ids)
     result = judge(truth, found, seconds, best)
-    path = out / "results" / f"{name}.json"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.with_suffix(".part").write_text(json.dumps(result, indent=1), encoding="utf-8")
-    path.with_suffix(".part").replace(path)
-    if not keep:
+    if truth["kind"] == "real":
+        result["natural"] = _natural(out, truth, settings, diagnose)
+    _write(out / "results" / f"{name}.json", result)
+    if not settings["keep"]:
         shutil.rmtree(folder)
     return result
+
+
+def _natural(out: Path, truth: Mapping, settings: Mapping[str, Any], diagnose: Callable) -> list[str]:
+    """What is named of a real recording without anything put in; diagnosed once per run."""
+    kept = out / "diagnosed" / f"natural_{truth['region']}.json"
+    if not kept.exists():
+        folder = out / "cases" / f"natural_{truth['name']}"
+        spikes.write_spiked(folder, settings["real"], truth, plain=True)
+        found = diagnose(folder, out / "diagnosed" / f"natural_{truth['region']}")
+        _write(kept, {"named": named(found)})
+        shutil.rmtree(folder)
+    return json.loads(kept.read_text(encoding="utf-8"))["named"]
+
+
+def _write(path: Path, value: Mapping) -> None:
+    """Write JSON in one move, so that an interrupted run leaves no half file."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_suffix(".part")
+    part.write_text(json.dumps(value, indent=1), encoding="utf-8")
+    part.replace(path)
 
 
 def prove(
@@ -234,6 +285,7 @@ def prove(
     oracle: bool = True,
     further: bool = False,
     keep: bool = False,
+    real: Path | None = None,
     said: Callable[[str], None] = lambda text: None,
 ) -> dict[str, Any]:
     """Seal, diagnose and score a run; the scores, also written to ``scores.json`` and ``table.md``.
@@ -244,11 +296,13 @@ def prove(
     ablation : one of ``ABLATIONS``, None for the diagnosis as it is.
     oracle : diagnose again with the true ids given, where the diagnosis takes ``only``, for the relative gain.
     keep : leave the cases' files.
+    real : folder of real recordings, for the set ``real``.
     said : told of every case that is done.
     """
     load_diagnosis(diagnosis)
     out.mkdir(parents=True, exist_ok=True)
-    truths = seal(out, count, seed, kind, further)
+    truths = seal(out, count, seed, kind, further, real)
+    settings = {"diagnosis": diagnosis, "ablation": ablation, "oracle": oracle, "keep": keep, "real": real}
     left = [t for t in truths if not (out / "results" / f"{t['name']}.json").exists()]
     said(f"{len(truths)} truths sealed in {out / 'sealed.json'}, {len(left)} cases to diagnose")
     failures: dict[str, str] = {}
@@ -268,12 +322,10 @@ def prove(
 
     if jobs <= 1:
         for truth in left:
-            note(truth["name"], run_case(out, truth, diagnosis, ablation, oracle, keep), None)
+            note(truth["name"], run_case(out, truth, settings), None)
     else:
         with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-            tasks = {
-                pool.submit(run_case, out, t, diagnosis, ablation, oracle, keep): t["name"] for t in left
-            }
+            tasks = {pool.submit(run_case, out, t, settings): t["name"] for t in left}
             for task in as_completed(tasks):
                 error = task.exception()
                 note(tasks[task], None if error else task.result(), error)
