@@ -71,8 +71,8 @@ def plot_map(
     _draw_marks(main, track, longitude, summary, reference)
     chart.draw_scale_bar(main, limits)
     _draw_legend(main, shown, key, currents)
-    bar = figure.colorbar(mesh, cax=figure.add_axes((0.638, 0.095, 0.011, 0.26)))
-    bar.set_label("members × output times per cell", fontsize=8)
+    bar = figure.colorbar(mesh, cax=figure.add_axes((0.640, 0.095, 0.011, 0.24)))
+    bar.ax.set_title("positions\nper cell", fontsize=7.5, loc="left", pad=4)
     bar.ax.tick_params(labelsize=7)
     _draw_zoom(zoom, track, longitude, summary, reference, bathymetry)
     _write_words(figure, track, summary, title)
@@ -148,9 +148,9 @@ def _draw_tracks(axes: Axes, track: Track, longitude: Array) -> None:
         )
 
 
-def _chosen(entries: list[Mapping[str, Any]], most: int = 5) -> list[Mapping[str, Any]]:
+def _chosen(entries: list[Mapping[str, Any]], most: int = 4) -> list[Mapping[str, Any]]:
     """Positions spread over the forecast whose regions do not crowd the map."""
-    entries = [entry for entry in entries if entry["regions"]]
+    entries = [entry for entry in entries if entry["regions"] and entry["share_active"] >= 0.5]
     if len(entries) <= most:
         return entries
     hours = np.array([entry["hours"] for entry in entries])
@@ -161,6 +161,8 @@ def _chosen(entries: list[Mapping[str, Any]], most: int = 5) -> list[Mapping[str
 def _draw_positions(axes: Axes, summary: Mapping[str, Any], reference: float) -> bool:
     """Regions at chosen times: 50 % as a thick line, 90 % as a thin one, labelled with hours."""
     chosen = _chosen(summary["positions"])
+    taken: list[tuple[float, float]] = []
+    height = float(np.ptp(axes.get_ylim()))
     for entry in chosen:
         for region in entry["regions"]:
             inner = region["probability"] <= 0.5
@@ -176,9 +178,14 @@ def _draw_positions(axes: Axes, summary: Mapping[str, Any], reference: float) ->
         )
         hours = entry["hours"]
         label = f"+{hours:g} h" if hours < 48 else f"+{hours / 24:g} d"
+        x, y = float(unwrap_longitude(top[0], reference)), top[1]
+        # Labels that would lie on one another are lifted clear.
+        while any(abs(y - other[1]) < 0.022 * height and abs(x - other[0]) < 0.08 * height for other in taken):
+            y += 0.024 * height
+        taken.append((x, y))
         axes.annotate(
-            label, (float(unwrap_longitude(top[0], reference)), top[1]), xytext=(0, 3), textcoords="offset points",
-            ha="center", va="bottom", fontsize=8.5, fontweight="bold", path_effects=chart.HALO, zorder=8,
+            label, (x, y), xytext=(0, 3), textcoords="offset points", ha="center", va="bottom", fontsize=8.5,
+            fontweight="bold", path_effects=chart.HALO, zorder=8,
         )  # fmt: skip
     return bool(chosen)
 
@@ -310,7 +317,8 @@ def _clock(text: str | None) -> str:
 def _write_words(figure: Figure, track: Track, summary: Mapping[str, Any], title: str | None) -> None:
     """Heading, the surfacings in words, outcomes, and what the picture was made from."""
     forecast = summary["forecast"]
-    name = title or track.settings.get("mission_name") or "Glider ensemble forecast"
+    parts = [str(track.settings[key]) for key in ("mission", "vehicle") if track.settings.get(key)]
+    name = title or ("Forecast: " + ", ".join(parts) if parts else "Glider ensemble forecast")
     figure.text(0.065, 0.958, str(name).replace("$", r"\$"), fontsize=15, fontweight="bold", va="bottom")
     partial = "" if forecast["complete"] else " · PARTIAL, the run was interrupted"
     span = (
@@ -328,7 +336,7 @@ def _write_words(figure: Figure, track: Track, summary: Mapping[str, Any], title
             continue
         time, area = entry["time"], {r["probability"]: r["area_km2"] for r in entry["regions"]}
         figure.text(
-            0.675,
+            0.700,
             y,
             f"{entry['number']}",
             color=_SURFACING_COLOURS[k],
@@ -345,15 +353,15 @@ def _write_words(figure: Figure, track: Track, summary: Mapping[str, Any], title
             f"{_clock(time['median'])}   (90 %: {_clock(time['p05'])} to {_clock(time['p95'])})\n"
             f"{place['text']}   ({place['latitude']:.4f}, {place['longitude']:.4f})\n{sizes}{share}"
         )
-        figure.text(0.692, y, words, fontsize=8.8, va="top", linespacing=1.35)
+        figure.text(0.717, y, words, fontsize=8.8, va="top", linespacing=1.35)
         y -= 0.083
     y -= 0.008
     outcomes = "\n".join(
         textwrap.fill(f"{entry['share']:.1%} {entry['sentence']}", 66, subsequent_indent="      ")
         for entry in summary["outcomes"][:4]
     )
-    figure.text(0.675, y, "Members", fontsize=9, fontweight="bold", va="top")
-    figure.text(0.675, y - 0.022, outcomes, fontsize=8.8, va="top", linespacing=1.35)
+    figure.text(0.700, y, "Members", fontsize=9, fontweight="bold", va="top")
+    figure.text(0.700, y - 0.022, outcomes, fontsize=8.8, va="top", linespacing=1.35)
     made = summary["provenance"]
     inputs = ", ".join(Path(str(item)).name for item in made["inputs"]) or "not stated"
     caption = (
