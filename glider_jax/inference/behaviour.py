@@ -37,6 +37,8 @@ _USUAL_RATE, _USUAL_DEPTH, _USUAL_STAY, _USUAL_LAG = 0.15, 100.0, 900.0, 60.0
 _PERSISTENCE = 0.6
 #: Log odds, beforehand, that a glider with a waypoint holds its last direction instead of steering for it.
 _HELD_ODDS = -1.5
+#: How much less a way of steering is believed in that mission files rule out.
+_FILES_ERR = 0.15
 #: s; habits of so long ago have half a chance of still holding.
 _DIRECTION_FADES, _HABIT_FADES = 0.7 * 86400.0, 4.0 * 86400.0
 _LATEST = 40
@@ -109,9 +111,17 @@ class Behaviour:
         belief = {one.name: one.belief for one in self.steering}
         return belief["aimed"] > belief["waypoint"]
 
-    def headings(self, n: int, rng: np.random.Generator, told: dict[str, float]) -> Array:
-        """``n`` directions in rad, clockwise from north; ``told`` gives what each way of steering would choose."""
+    def headings(
+        self, n: int, rng: np.random.Generator, told: dict[str, float], aims: bool | None = None
+    ) -> Array:
+        """``n`` directions in rad, clockwise from north; ``told`` gives what each way of steering would choose.
+
+        ``aims`` is what mission files say about steering against the current, None where there are none.
+        """
         shares = np.array([one.belief if one.name in told else 0.0 for one in self.steering])
+        if aims is not None:
+            unlikely = "waypoint" if aims else "aimed"
+            shares *= [_FILES_ERR if one.name == unlikely else 1.0 for one in self.steering]
         picked = rng.choice(len(shares), size=n, p=shares / shares.sum())
         drawn = np.empty(n)
         for k, one in enumerate(self.steering):
@@ -303,8 +313,6 @@ def _steering(all_ways, starts, log, currents, known: bool | None) -> tuple[Stee
                 )
     best = max(evidence.values())
     odds = {name: float(np.exp(max(value - best, -8.0))) for name, value in evidence.items()}
-    if log[0].size == 0:
-        odds = {"waypoint": 0.0, "aimed": 0.0, "held": 1.0}
     return tuple(
         Steering(name, odds[name] / sum(odds.values()), _miss_law(misses[name], name == "held"))
         for name in misses

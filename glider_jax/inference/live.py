@@ -28,6 +28,8 @@ _RADIUS = 100.0
 #: Share of the missions that come up at a waypoint after which nobody knows what follows.
 _COMES_UP = 0.5
 _FIX_SD = 8.0
+#: m; so close to a waypoint a glider has usually turned to the next.
+_CLOSE = 300.0
 
 
 @dataclass(frozen=True)
@@ -113,7 +115,7 @@ def assemble(
         flown, quiet, speed="distribution", speeds=_nodes(known), duration=horizon, interval=interval,
         bathymetry=bathymetry, seed=seed, start=start, start_position=(situation.latitude, situation.longitude),
     )  # fmt: skip
-    to = _towards(situation, flown)
+    to = _towards(situation, run)
     current = situation.known_current if np.isfinite(situation.known_current) else 0.0j
     told = {"held": known.held_heading}
     if situation.waypoint is not None or mission is not None:
@@ -121,7 +123,7 @@ def assemble(
     engine = (
         told["aimed" if flown.current_correction else "waypoint"] if len(told) > 1 else known.held_heading
     )
-    heading = _angle(known.headings(n, rng, told) - engine)
+    heading = _angle(known.headings(n, rng, told, mission.current_correction if mission else None) - engine)
     by_waypoint = np.zeros(n, bool)
     ruled = mission is not None and ruled
     if ruled:
@@ -146,8 +148,9 @@ def _angle(value):
     return (value + math.pi) % (2.0 * math.pi) - math.pi
 
 
-def _towards(situation: Situation, mission: Mission) -> complex:
-    east, north = metres(*mission.waypoints[0], (situation.latitude, situation.longitude))
+def _towards(situation: Situation, run) -> complex:
+    """East + i north, m, to the waypoint that the run flies to first."""
+    east, north = metres(*run.order[0], (situation.latitude, situation.longitude))
     return complex(east, north)
 
 
@@ -194,7 +197,7 @@ def _mission(situation: Situation, given: Mission | None, speed: float, duration
         yo = given.yo
         if known.segments:
             yo = replace(yo, dive_pitch=pitches[0], climb_pitch=pitches[1])
-        return replace(given, yo=yo, surface_stay=known.stay, first_waypoint=_first(given, situation))
+        return replace(given, yo=yo, surface_stay=known.stay, first_waypoint=target(given, situation))
     yo = Yo(known.dive_to, known.climb_to, pitches[0], pitches[1], dive_altitude=None, overshoot=0.0)
     # The rule counts from the dive; on average half a climb follows it.
     seconds = max(float(np.median(duration)) - 0.5 * known.dive_to / known.up, 120.0)
@@ -205,15 +208,32 @@ def _mission(situation: Situation, given: Mission | None, speed: float, duration
     )  # fmt: skip
 
 
-def _first(mission: Mission, situation: Situation) -> int | None:
-    """Index of the mission's waypoint that the glider says it flies to; the mission's own where it says none."""
-    if situation.waypoint is None:
+def target(mission: Mission, situation: Situation) -> int | None:
+    """Index of the mission's waypoint that the glider flies to.
+
+    The one nearest to what the glider says; where it says nothing, the one it last moved toward, or the next if it
+    came up close to it; where that was days ago or never, None leaves the mission's own choice.
+    """
+    points = mission.waypoints
+    if situation.waypoint is not None:
+        return int(np.argmin([_gap(point, situation.waypoint) for point in points]))
+    last = situation.segments[-1] if situation.segments else None
+    if last is None or situation.time - last.end_time > 86400.0:
         return mission.first_waypoint
-    far = []
-    for point in mission.waypoints:
-        east, north = metres(*point, situation.waypoint)
-        far.append(math.hypot(float(east), float(north)))
-    return int(np.argmin(far))
+    start = (last.start_latitude, last.start_longitude)
+    held = situation.behaviour.held_heading
+    off = []
+    for point in points:
+        east, north = (float(v) for v in metres(*point, start))
+        off.append(abs(_angle(math.atan2(east, north) - held)))
+    best = int(np.argmin(off))
+    near = _gap(points[best], (situation.latitude, situation.longitude)) < mission.waypoint_radius + _CLOSE
+    return (best + 1) % len(points) if near else best
+
+
+def _gap(one: tuple[float, float], other: tuple[float, float]) -> float:
+    east, north = metres(*one, other)
+    return math.hypot(float(east), float(north))
 
 
 def _quiet(vehicle: Vehicle, speed: float) -> Vehicle:
