@@ -55,28 +55,36 @@ def crc_pair(data: bytes) -> int:
     return _plain(data, _TABLE_A, _START) | (_plain(data, _TABLE_B, _START) << 16)
 
 
-@functools.cache
-def _pair_tables(length: int) -> tuple[NDArray[np.uint32], ...]:
-    """Contribution of each little-endian byte pair, by its distance from the end of a message of even
-    ``length``."""
-    first_a = np.array(_TABLE_A, dtype=np.uint32)
-    first_b = np.array(_TABLE_B, dtype=np.uint32)
+def _advance(values: NDArray[np.uint32], table: NDArray[np.uint32]) -> NDArray[np.uint32]:
+    return ((values << np.uint32(8)) & np.uint32(0xFFFF)) ^ table[values >> np.uint32(8)]
 
-    def advance(values: NDArray[np.uint32], table: NDArray[np.uint32]) -> NDArray[np.uint32]:
-        return ((values << np.uint32(8)) & np.uint32(0xFFFF)) ^ table[values >> np.uint32(8)]
 
-    by_distance = []
-    state_a, state_b = first_a, first_b
-    for _ in range(length):
-        by_distance.append(state_a | (state_b << np.uint32(16)))
-        state_a, state_b = advance(state_a, first_a), advance(state_b, first_b)
-    tables = []
-    for end in range(0, length, 2):
-        high, low = by_distance[end], by_distance[end + 1]
-        # In a little-endian pair the low byte comes first on the wire, so it is one byte further from the
-        # end.
-        tables.append((high[:, None] ^ low[None, :]).reshape(-1))
-    return tuple(reversed(tables))
+class _PairTables:
+    """Contribution of a little-endian byte pair by its distance from the end of the message, made when
+    first needed.
+
+    One table serves messages of all lengths; there are 130 of 256 KiB at most.
+    """
+
+    def __init__(self) -> None:
+        self._first = np.array(_TABLE_A, dtype=np.uint32), np.array(_TABLE_B, dtype=np.uint32)
+        self._state = self._first
+        self._tables: list[NDArray[np.uint32]] = []
+
+    def _next(self) -> NDArray[np.uint32]:
+        a, b = self._state
+        self._state = _advance(a, self._first[0]), _advance(b, self._first[1])
+        return a | (b << np.uint32(16))
+
+    def __getitem__(self, distance: int) -> NDArray[np.uint32]:
+        while len(self._tables) <= distance:
+            high, low = self._next(), self._next()
+            # The low byte of a little-endian pair comes first on the wire, so it is further from the end.
+            self._tables.append((high[:, None] ^ low[None, :]).reshape(-1))
+        return self._tables[distance]
+
+
+_PAIRS = _PairTables()
 
 
 @functools.cache
@@ -97,6 +105,7 @@ def crc_many(pairs: NDArray[np.uint16]) -> NDArray[np.uint32]:
     """
     length = 2 * pairs.shape[1]
     out = np.full(pairs.shape[0], _start_value(length), dtype=np.uint32)
-    for column, table in enumerate(_pair_tables(length)):
-        out ^= table[pairs[:, column]]
+    last = pairs.shape[1] - 1
+    for column in range(pairs.shape[1]):
+        out ^= _PAIRS[last - column][pairs[:, column]]
     return out

@@ -28,6 +28,7 @@ from glider_jax.errors import CaptureError
 
 _SLICE = 0.02
 _MARK = 7
+_CALM = 0.25
 
 
 class PtyLine:
@@ -245,10 +246,13 @@ class Emulator:
 
     def _drain(self, stop: threading.Event) -> None:
         limit = time.monotonic() + 5.0
-        while not self.line.drained() and time.monotonic() < limit and not stop.is_set():
-            time.sleep(0.005)
-        # The reader has the bytes; give it a moment to leave its read call.
-        time.sleep(0.02)
+        quiet = time.monotonic()
+        # Bytes on their way through the kernel are not counted as waiting; only a lasting calm means that
+        # all are read.
+        while time.monotonic() - quiet < _CALM and time.monotonic() < limit and not stop.is_set():
+            if not self.line.drained():
+                quiet = time.monotonic()
+            time.sleep(0.01)
 
     def _await_reader(self, stop: threading.Event, seconds: float) -> None:
         limit = time.monotonic() + seconds

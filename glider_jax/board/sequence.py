@@ -128,7 +128,8 @@ class Follower:
             self.boot = boot
             base = sequence
             self.last = base - 1
-            self.first.append(base)
+            if len(self.first) < GAPS_KEPT:
+                self.first.append(base)
         else:
             base = self.last + (ahead if not backward else (ahead - SEQUENCE_RANGE if ahead else 0))
         unwrapped = base + run

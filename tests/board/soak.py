@@ -71,13 +71,19 @@ def soak(folder: Path, seconds: float, unplugs: int, others: int, speed: float =
     for start, end in emulator.delivered:
         whole |= (begins >= start) & (begins + size <= end)
     follower = reader.report.follower
+    lost = np.flatnonzero(whole)[~np.isin(np.flatnonzero(whole), tick)]
+    ends = np.array([end for _, end in emulator.delivered])
+    # A frame at the very end of a delivered stretch was still in the cable when it was pulled, or next to
+    # a fault.
+    to_end = [int((ends[ends >= begins[row] + size] - begins[row] - size).min()) for row in lost]
     return {
+        "lost_frames_bytes_to_end_of_stretch": to_end,
         "seconds": seconds,
         "speed": speed,
         "frames_sent": ticks,
         "frames_delivered_whole": int(whole.sum()),
         "frames_captured": int(tick.size),
-        "delivered_but_not_captured": int(np.count_nonzero(~np.isin(np.flatnonzero(whole), tick))),
+        "delivered_but_not_captured": int(lost.size),
         "captured_twice": int(tick.size - np.unique(tick).size),
         "captured_wrong": int(np.count_nonzero((got != counts[tick]).any(axis=1))),
         "missing_reported": follower.missing,
