@@ -6,7 +6,7 @@ The one place where the pieces meet; the command line, notebooks and live foreca
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import jax
@@ -229,7 +229,9 @@ def fly_chunks(n: int, run: Run, *, first: int = 0, chunk: int = CHUNK) -> Itera
         state, outputs = run_members(
             members, run.plan, run.shape, run.environment, run.column, 0.0, 0.0, spread=run.spread, fix_sd=sd
         )
-        yield _track(run, members, available, state, outputs)
+        track = _track(run, members, available, state, outputs)
+        # Blocks that are written one after the other share their shape.
+        yield pad_surfacings(track, most_surfacings(run)) if n > chunk else track
 
 
 def _draw(run: Run, begin: int, count: int):
@@ -337,13 +339,36 @@ def _surfacings(run, out: Output, count):
     return logs[0], logs[1], reasons
 
 
+def most_surfacings(run: Run) -> int:
+    """How often a member can surface: by the clock, at waypoints, and twice per output interval at the most."""
+    timed = ("every", "after", "no_comms", "utc")
+    periods = [rule.seconds for rule in run.mission.surface if rule.kind in timed and rule.seconds > 0]
+    ceiling = 2 * (int(run.duration / run.interval) + 1)
+    if run.shape.bounded_yos or run.shape.loop:
+        return ceiling
+    by_clock = sum(int(run.duration / seconds) + 1 for seconds in periods) if periods else 0
+    return min(ceiling, by_clock + run.shape.waypoints + 2)
+
+
+def pad_surfacings(track: Track, most: int) -> Track:
+    """The track with its lists of surfacings NaN-padded, or cut, to ``most`` columns."""
+    changes = {}
+    for name in track.__dataclass_fields__:
+        if name.startswith(("surfacing_", "dive_")):
+            values = getattr(track, name)[:, :most]
+            fill = -1 if name == "surfacing_reason" else np.nan
+            changes[name] = np.pad(values, ((0, 0), (0, most - values.shape[1])), constant_values=fill)
+    return replace(track, **changes)
+
+
 def join(tracks: list[Track]) -> Track:
     """One ensemble from its chunks, members in order."""
     if len(tracks) == 1:
         return tracks[0]
     first = tracks[0]
     common = {"time", "components", "reasons", "waypoints", "settings", "notes", "complete"}
-    most = max(t.surfacing_time.shape[1] for t in tracks)
+    found = [int(np.isfinite(t.surfacing_time).sum(axis=1).max(initial=0)) for t in tracks]
+    tracks = [pad_surfacings(t, max(1, *found)) for t in tracks]
     joined = {}
     for name in first.__dataclass_fields__:
         values = [getattr(t, name) for t in tracks]
@@ -351,11 +376,6 @@ def join(tracks: list[Track]) -> Track:
             joined[name] = values[0]
         elif name == "parameters":
             joined[name] = {key: np.concatenate([v[key] for v in values]) for key in values[0]}
-        elif name.startswith(("surfacing_", "dive_")):
-            fill = -1 if name == "surfacing_reason" else np.nan
-            joined[name] = np.concatenate(
-                [np.pad(v, ((0, 0), (0, most - v.shape[1])), constant_values=fill) for v in values]
-            )
         else:
             joined[name] = np.concatenate(values)
     return Track(**joined)

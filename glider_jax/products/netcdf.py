@@ -97,7 +97,7 @@ class NetcdfWriter:
     def append(self, block: Track) -> None:
         """Add the members of ``block`` after those already written.
 
-        Blocks share times, components, reasons and waypoints; a block may have fewer surfacings than the first.
+        Blocks share times, components, reasons, waypoints and the number of columns for surfacings.
         """
         if self._dataset is None:
             self._create(block)
@@ -105,9 +105,9 @@ class NetcdfWriter:
         if self.members is not None and here.stop > self.members:
             raise DataError(f"{self.final}: expected {self.members} members, found at least {here.stop}.")
         surfacings = len(self._dataset.dimensions["surfacing"])
-        if block.surfacing_time.shape[1] > surfacings:
+        if block.surfacing_time.shape[1] != surfacings:
             raise DataError(
-                f"{self.final}: expected at most {surfacings} surfacings per member as in the first block, "
+                f"{self.final}: expected {surfacings} surfacings per member as in the first block, "
                 f"found {block.surfacing_time.shape[1]}. Give every block the same number."
             )
         for column in self._columns:
