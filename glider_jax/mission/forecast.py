@@ -25,7 +25,7 @@ from glider_jax.mission.step import Environment, Member, State
 from glider_jax.mission.water import make_column
 from glider_jax.physics.battery import draw_usable_charge
 from glider_jax.physics.devices import build_devices
-from glider_jax.physics.model import build_model, parameters
+from glider_jax.physics.model import build_model, parameter_infos, parameters
 from glider_jax.physics.term import Channel, Sample
 from glider_jax.records import BathymetryGrid, CurrentGrid, Track, WaterProfile
 
@@ -143,10 +143,11 @@ def prepare(
     devices = build_devices(
         vehicle.devices, mission.samples, dive_to=mission.yo.dive_to, climb_to=mission.yo.climb_to, dtype=dtype
     )
+    model = build_model(vehicle, dtype=dtype)
     return Run(
         mission=mission, vehicle=vehicle, plan=plan, shape=shape,
         environment=Environment(frame.cast(dtype), field_, floor), column=column if speed == "flight" else None,
-        frame=frame, model=build_model(vehicle, dtype=dtype), devices=devices, t0=float(t0), interval=interval,
+        frame=frame, model=model, devices=devices, t0=float(t0), interval=interval,
         duration=duration, start=position, order=tuple(legs_of(mission)[0]), seed=seed, spread=spread,
         water_temperature=temperature, notes=tuple(notes),
         settings={
@@ -154,6 +155,8 @@ def prepare(
             "duration_s": duration, "interval_s": interval, "start_position": list(position),
             "mission": mission.name, "vehicle": vehicle.name, "precision": jnp.dtype(dtype).name,
             "inputs": _digests(mission, vehicle, currents, bathymetry, water),
+            "parameter_units": {name: info.unit for name, info in parameter_infos(model).items()}
+            | {"heading_error": "rad", "surface_stay_factor": "1", "speed_factor": "1"},
             "current_error": "product" if own_error else f"{default_sd:g} m s-1",
         },
     )  # fmt: skip
