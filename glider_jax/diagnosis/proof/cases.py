@@ -18,7 +18,7 @@ import numpy as np
 
 from glider_jax.diagnosis.proof import sensors
 from glider_jax.diagnosis.proof.ocean import DAY, Ocean, Region
-from glider_jax.diagnosis.proof.strength import CALIBRATED, World, prepare, signal_to_noise
+from glider_jax.diagnosis.proof.strength import CALIBRATED, World, prepare, signal_to_noise, signature
 from glider_jax.diagnosis.proof.truth import Plan, Vehicle, fly
 from glider_jax.errors import ConfigError, did_you_mean
 
@@ -134,7 +134,7 @@ PUBLISHED: dict[str, Draw] = {
     "flight.mass_growth": _one(sign=1.0, rate=0.01 / DAY),
     "flight.vertical_water_velocity": _waves,
     "flight.pitch_offset": _one(offset=0.02),
-    "flight.lift_loss": _one(sign=1.0, loss=0.3),
+    "flight.lift_loss": _one(sign=1.0, loss=0.2),
     "navigation.mean_current": _turned("east", "north", 0.1),
     "navigation.current_shear": _shear,
     "navigation.tidal_current": _ellipse(0.08),
@@ -156,7 +156,7 @@ PUBLISHED: dict[str, Draw] = {
 
 FURTHER: dict[str, Draw] = {
     "flight.drag_bias": _one(share=0.2),
-    "flight.induced_drag_bias": _one(share=0.3),
+    "flight.induced_drag_bias": _one(share=0.25),
     "flight.pitch_gain": _one(gain=0.06),
     "flight.oil_gain": _one(gain=0.05),
     "flight.drag_asymmetry": _one(share=0.12),
@@ -196,6 +196,10 @@ OUTSIDE: dict[str, Draw] = {
     "out.pump_retries": _one(sign=1.0, share=0.15),
 }
 
+SMALLEST, LARGEST = (
+    0.1,
+    3.0,
+)  # of an effect's typical size: less is nothing a pilot would miss, more is absurd
 UNSCALED = {"period", "scale", "onset", "begin", "end", "both_gauges", "decay"}
 FIXED = {"out.frozen_pitch", "out.pump_retries"}  # a fault of sensor or pump: as strong as drawn
 UNSEEN = {0: ("energy.cold_friction",)}  # what a region cannot show: its water is never colder than 15 degC
@@ -247,9 +251,15 @@ def world_of(index: int) -> World:
 
 
 def draw_effect(
-    id: str, wanted: float, region: int, rng: np.random.Generator
+    id: str,
+    wanted: float,
+    region: int,
+    rng: np.random.Generator,
+    limits: tuple[float, float] = (1e-6, LARGEST),
 ) -> tuple[dict[str, float], float]:
     """Draw an effect of a wanted signal-to-noise ratio: parameters by ``id.parameter`` and the ratio reached.
+
+    The ratio is missed where it would take less or more than ``limits`` times the effect's typical size.
 
     Raises
     ------
@@ -266,11 +276,12 @@ def draw_effect(
     reached = signal_to_noise(world, full)
     if reached < 1e-6:
         raise ConfigError(f"prove: '{id}' leaves no trace in {REGIONS[region].name}. Choose another region.")
+    scale = 1.0
     for _ in range(3):  # effects are close to linear: three steps settle the scale
-        factor = wanted / reached
-        full = {k: v if k.rsplit(".", 1)[1] in UNSCALED else v * factor for k, v in full.items()}
+        scale = float(np.clip(scale * wanted / reached, *limits))
+        full = {f"{id}.{name}": value if name in UNSCALED else value * scale for name, value in drawn.items()}
         reached = signal_to_noise(world, full)
-        if abs(reached / wanted - 1.0) < 0.01:
+        if abs(reached / wanted - 1.0) < 0.01 or scale in limits:
             break
     return full, reached
 
@@ -287,9 +298,10 @@ def draw_truth(spec: Spec) -> dict:
     effects: dict[str, float] = {}
     strengths: dict[str, float | None] = {}
     for id, wanted in spec.effects:
-        drawn, reached = draw_effect(id, wanted, spec.region, rng)
+        drawn, reached = draw_effect(id, wanted, spec.region, rng, (SMALLEST, LARGEST))
         effects |= drawn
         strengths[id] = reached if math.isfinite(reached) else None
+    unique = _unique(spec.region, effects) if len(strengths) > 1 else strengths
     faint: dict[str, float] = {}
     named = {id for id, _ in spec.effects}
     for id in rng.choice(
@@ -301,9 +313,24 @@ def draw_truth(spec: Spec) -> dict:
     product = "navigation.mean_current" not in named or bool(rng.random() < 0.5)
     return {
         "name": spec.name, "kind": spec.kind, "region": REGIONS[spec.region].name, "seed": spec.seed,
-        "effects": effects, "strengths": strengths, "faint": faint, "product": product,
+        "effects": effects, "strengths": strengths, "unique": unique, "faint": faint, "product": product,
         "constants": {k: getattr(true, k) for k in CALIBRATED},
     }  # fmt: skip
+
+
+def _unique(region: int, effects: Mapping[str, float]) -> dict[str, float]:
+    """Signal-to-noise ratio of each of several effects that the others cannot stand in for."""
+    world = world_of(region)
+    each = {
+        id: signature(world, {f"{id}.{name}": value for name, value in parameters.items()})
+        for id, parameters in grouped(effects).items()
+    }
+    out = {}
+    for id, vector in each.items():
+        others = np.stack([v for other, v in each.items() if other != id], axis=1)
+        fitted = others @ np.linalg.lstsq(others, vector, rcond=None)[0]
+        out[id] = float(np.linalg.norm(vector - fitted))
+    return out
 
 
 def grouped(flat: Mapping[str, float]) -> dict[str, dict[str, float]]:
@@ -320,7 +347,10 @@ def write_case(folder: Path, spec: Spec, truth: Mapping) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     region = spec.region
     rng = np.random.default_rng([spec.seed, 23])
-    ocean = Ocean(REGIONS[region], rng, DURATION)
+    place = REGIONS[region]
+    if not truth["product"]:  # the flow that nobody gave is a steady one: no tide, half the eddies
+        place = replace(place, tide=(0.0, 0.0), eddies=0.5 * place.eddies)
+    ocean = Ocean(place, rng, DURATION)
     true = replace(VEHICLES[region], **truth["constants"])
     plan = plan_of(region)
     effects = {**truth["faint"], **truth["effects"]}

@@ -85,8 +85,13 @@ def wanted(truth: Mapping) -> list[str]:
 
 
 def strength(truth: Mapping) -> float:
-    """Signal-to-noise ratio of the weakest concealed effect; infinite where none has one."""
-    values = [v for v in truth["strengths"].values() if v is not None and math.isfinite(v)]
+    """Signal-to-noise ratio of the weakest concealed effect; infinite where none has one.
+
+    Of several effects each counts by what the others cannot stand in for.
+    """
+    values = [
+        v for v in truth.get("unique", truth["strengths"]).values() if v is not None and math.isfinite(v)
+    ]
     return min(values, default=math.inf)
 
 

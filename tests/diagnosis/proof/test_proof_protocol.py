@@ -80,6 +80,24 @@ def test_calibrations_absorb_what_their_sigmas_allow():
     assert cases.signal_to_noise(world, {"flight.drag_bias.share": drag}) < 1.1
 
 
+def test_an_effect_stays_within_what_is_sensible():
+    drawn, reached = cases.draw_effect("flight.lift_loss", 500.0, 1, np.random.default_rng(3))
+    assert drawn["flight.lift_loss.loss"] == pytest.approx(0.2 * cases.LARGEST) and reached < 500.0
+    limits = (cases.SMALLEST, cases.LARGEST)
+    drawn, reached = cases.draw_effect("energy.dive_only_load", 0.01, 1, np.random.default_rng(3), limits)
+    assert drawn["energy.dive_only_load.power"] == pytest.approx(0.3 * cases.SMALLEST) and reached > 0.01
+
+
+def test_confusable_pairs_are_as_strong_as_what_tells_them_apart():
+    effects = (("flight.ballast_offset", 12.0), ("flight.pitch_offset", 12.0))
+    truth = cases.draw_truth(cases.Spec("p", "pair", effects, 1, 5))
+    assert truth["unique"].keys() == truth["strengths"].keys()
+    assert all(truth["unique"][k] < 0.8 * truth["strengths"][k] for k in truth["unique"])
+    far = (("flight.ballast_offset", 12.0), ("energy.surface_load", 12.0))
+    truth = cases.draw_truth(cases.Spec("p", "pair", far, 1, 5))
+    assert all(truth["unique"][k] > 0.95 * truth["strengths"][k] for k in truth["unique"])
+
+
 def test_unknown_effects_and_sets_are_refused():
     with pytest.raises(ConfigError, match="Did you mean 'flight.drag_growth'"):
         cases.draw_effect("flight.drag_grow", 5.0, 1, np.random.default_rng(0))
