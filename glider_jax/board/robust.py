@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 _BISQUARE = 4.685
+_FEW = 12
 
 
 def normal_quantile(probability: float) -> float:
@@ -153,6 +154,11 @@ def _scatter(residual: NDArray[np.float64], sd: NDArray[np.float64], count: int,
     correction = (count / max(count - parameters, 1)) ** 0.5
 
     def scale(extra: float) -> float:
+        # With so few a median is worth little, and outliers cannot be told from scatter.
+        if count - parameters < _FEW:
+            return correction * float(
+                np.sqrt(np.mean((residual / np.maximum(np.hypot(sd, extra), 1e-12)) ** 2))
+            )
         return (
             correction * 1.4826 * float(np.median(np.abs(residual) / np.maximum(np.hypot(sd, extra), 1e-12)))
         )

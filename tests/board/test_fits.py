@@ -58,7 +58,7 @@ def test_without_outliers_it_is_near_least_squares():
     assert fit.sigma()[1] == pytest.approx(10 / (z.std() * 60**0.5), rel=0.3)
 
 
-@pytest.mark.parametrize(("count", "bad"), [(15, 0), (40, 0), (40, 4)])
+@pytest.mark.parametrize(("count", "bad"), [(4, 0), (6, 0), (15, 0), (40, 0), (40, 4)])
 def test_intervals_cover_as_stated(count, bad):
     rng = np.random.default_rng(count + bad)
     inside, trials = np.zeros(2), 150
