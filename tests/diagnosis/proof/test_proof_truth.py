@@ -217,6 +217,26 @@ def test_the_vehicle_reckons_without_angle_of_attack():
     assert 1.03 < reckoned / true < 1.2
 
 
+def test_the_truth_shares_no_physics_with_what_explains_it():
+    import ast
+    from pathlib import Path
+
+    from glider_jax.diagnosis import proof
+
+    allowed = ("glider_jax.diagnosis.proof", "glider_jax.errors", "glider_jax.environment.seawater")
+    for path in Path(proof.__file__).parent.glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            names = [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            names += [a.name for a in node.names] if isinstance(node, ast.Import) else []
+            for name in names:
+                assert (
+                    "jax" not in name
+                    or name == "glider_jax"
+                    or name.startswith(allowed)
+                    or (name == "glider_jax_data" and path.name == "spikes.py")
+                ), f"{path.name} imports {name}"
+
+
 def test_three_and_a_half_days_take_seconds():
     import time
 
