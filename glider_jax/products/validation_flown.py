@@ -18,6 +18,7 @@ from glider_jax.config import Mission, Vehicle
 from glider_jax.environment.synthetic import synthetic_bathymetry
 from glider_jax.products.coordinates import LocalFrame
 from glider_jax.products.hindcast import cases_of
+from glider_jax.products.validation import spread_of
 from glider_jax.readers.dives import inflections, until
 from glider_jax.readers.missions import read_mission
 from glider_jax.readers.recordings import read_recording
@@ -30,7 +31,7 @@ PEER_KM = {"last": 6.1, "none": 2.7, "felt": 0.7}
 PEER_MINUTES = 17.0
 CURRENTS = ("last", "none", "felt", "estimated")
 _RECENT = 6 * 3600.0
-_HORIZON = 4.5 * 3600.0
+_HORIZON = 9.0 * 3600.0
 
 
 @dataclass(frozen=True)
@@ -114,14 +115,15 @@ def _dive(flight, plan: Mission, vehicle, number: int, before: Segment, truth: S
         miss[name] = float(np.hypot(*(np.median(cloud, axis=0) - goal))) if len(cloud) else math.nan
     track = flown.track
     region = regions_of_metres(cloud, frame, (0.9,))[0]
-    late = track.surfacing_time[:, 0] - truth.surface_time
+    up = track.surfacing_time[:, 0]
+    late = np.where(np.isfinite(up), up, np.inf) - truth.surface_time
     energy = track.energy.sum(-1)[np.arange(track.n), _row(track)]
     turns = [i.depth for i in inflections(flight) if truth.dive_time < i.time < truth.surface_time and _deep(i)]
     during = (flight.time >= truth.dive_time) & (flight.time <= truth.surface_time)
     volts = float(np.nanmean(flight["battery_voltage"][during]))
     return FlownDive(
         number=number, start=truth.start_time, displacement=math.hypot(truth.east, truth.north), miss=miss,
-        late=float(np.nanmedian(late)), late_spread=tuple(float(x) for x in np.nanquantile(late, (0.05, 0.95))),
+        late=spread_of(late)[1], late_spread=spread_of(late)[::2],
         turns=_mean_turn(track), true_turns=float(np.median(turns)),
         counts=(float(np.median(track.inflections[np.arange(track.n), _row(track)])), truth.inflections),
         energy=tuple(float(x) for x in np.quantile(energy, (0.05, 0.5, 0.95))),
