@@ -152,7 +152,8 @@ def dialog(
     """A surface dialog of our own making: ``fix`` is NMEA degrees and minutes."""
     return (
         f"Glider unit7 at surface.\nBecause:{because} [behavior surface_2 start_when = {when:.1f}]\n"
-        f"MissionName:shelf.mi MissionNum:unit7-2026-086-1-{mission_time // 3600} (0087.{mission_time // 3600:04d})\nVehicle Name: unit7\n"
+        f"MissionName:shelf.mi MissionNum:unit7-2026-086-1-{mission_time // 3600} "
+        f"(0087.{mission_time // 3600:04d})\nVehicle Name: unit7\n"
         f"Curr Time: {clock} MT:  {mission_time}\n"
         f"GPS Location:  {fix[0]:.3f} N {fix[1]:.3f} E measured     20.0 secs ago\n"
         f"   sensor:c_wpt_lat(lat)=4020.000                  60.0 secs ago\n"
