@@ -310,7 +310,7 @@ def draw_truth(spec: Spec) -> dict:
         drawn, _ = draw_effect(str(id), float(rng.uniform(0.05, 0.3)), spec.region, rng)
         faint |= drawn
     # Without a product the whole flow is a current that nobody gave; half of the cases of that effect are so.
-    product = "navigation.mean_current" not in named or bool(rng.random() < 0.5)
+    product = named != {"navigation.mean_current"} or bool(rng.random() < 0.5)
     return {
         "name": spec.name, "kind": spec.kind, "region": REGIONS[spec.region].name, "seed": spec.seed,
         "effects": effects, "strengths": strengths, "unique": unique, "faint": faint, "product": product,
