@@ -21,7 +21,8 @@ from glider_jax.errors import ConfigError, Outcome
 from glider_jax.mission.legs import TabulatedLegs, tabulate
 from glider_jax.mission.plan import Plan, Shape
 from glider_jax.mission.randoms import START_STREAM, normals, words
-from glider_jax.mission.step import Environment, Log, Member, State, Sums, next_due, sample_speed, step
+from glider_jax.mission.state import Environment, Log, Member, State, Sums
+from glider_jax.mission.step import next_due, sample_speed, step
 from glider_jax.physics.model import draw_batch
 from glider_jax.physics.perturb import log_normal, purpose
 from glider_jax.physics.term import Sample

@@ -21,7 +21,7 @@ from glider_jax.errors import ConfigError, CoverageError, Outcome
 from glider_jax.mission.battery import battery_state, energy_limits, mean_voltage
 from glider_jax.mission.ensemble import Column, Output, draw_members, host_normals, run_members
 from glider_jax.mission.plan import Plan, Shape, legs_of, make_plan, not_simulated
-from glider_jax.mission.step import Environment, Member, State
+from glider_jax.mission.state import Environment, Member, State
 from glider_jax.mission.water import make_column
 from glider_jax.physics.battery import draw_usable_charge
 from glider_jax.physics.devices import build_devices
@@ -138,7 +138,8 @@ def prepare(
     notes += told if speed == "flight" else []
     plan, shape = make_plan(
         mission, vehicle, frame, t0=t0, duration=duration, speed=speed, speeds=speeds, interval=interval,
-        levels=column.depth.shape[0], product_error=own_error, dtype=dtype,
+        levels=column.depth.shape[0], product_error=own_error, temperature=temperature,
+        density=float(np.mean(column.density)), dtype=dtype,
     )  # fmt: skip
     devices = build_devices(
         vehicle.devices, mission.samples, dive_to=mission.yo.dive_to, climb_to=mission.yo.climb_to, dtype=dtype

@@ -16,6 +16,7 @@ import numpy as np
 
 from glider_jax.config import Mission, Vehicle
 from glider_jax.environment.frame import Frame
+from glider_jax.environment.seawater import gravity
 from glider_jax.errors import ConfigError
 
 TIMED = ("every", "after", "no_comms", "utc")
@@ -80,6 +81,10 @@ class Plan(eqx.Module):
     error_time: Any
     error_length: Any
     speeds: Any
+    temperature: Any
+    density: Any
+    latitude: Any
+    gravity: Any
 
 
 def legs_of(mission: Mission) -> tuple[list[tuple[float, float]], bool]:
@@ -142,6 +147,8 @@ def make_plan(
     levels: int = 24,
     block: float = 86400.0,
     product_error: bool = False,
+    temperature: float = 288.15,
+    density: float = 1025.0,
     dtype=jnp.float32,
 ) -> tuple[Plan, Shape]:
     """Make the traced and the static half of a plan.
@@ -153,6 +160,7 @@ def make_plan(
     speeds : nodes (m s-1) of the forward speed and their cumulative probabilities; None for ``flight``.
     levels : layers of the flight tables.  block : s after which the flight tables are made anew.
     product_error : whether the current product states its own error.
+    temperature, density : K and kg m-3, means of the water flown through.
     """
     order, loop = legs_of(mission)
     timed = [rule for rule in mission.surface if rule.kind in TIMED]
@@ -202,6 +210,10 @@ def make_plan(
         minimum_depth=number(2.5),
         error_time=number(vehicle.value("perturbation.current_error_time")),
         error_length=number(vehicle.value("perturbation.current_error_length")),
+        temperature=number(temperature),
+        density=number(density),
+        latitude=number(math.radians(frame.latitude)),
+        gravity=number(gravity(math.radians(frame.latitude))),
         speeds=number(np.interp(np.linspace(0.0, 1.0, SPEED_NODES), probabilities, nodes)),
     )
     shape = Shape(

@@ -14,125 +14,19 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from glider_jax.environment.fields import Bathymetry, CurrentField, fenced
-from glider_jax.environment.frame import Frame
+from glider_jax.environment.fields import fenced
 from glider_jax.errors import Outcome
+from glider_jax.mission.dive import Dive, plan_dive, sample_of
 from glider_jax.mission.legs import ConstantLegs
 from glider_jax.mission.plan import Plan, Shape
 from glider_jax.mission.randoms import NOISE_STREAM, SPEED_STREAM, normals, uniform, words
-from glider_jax.physics.term import Channel, Sample
+from glider_jax.mission.state import Environment, Log, Member, State, Sums
+from glider_jax.physics.term import Channel
 
 _FAR = 1e9
-
-
-class Environment(eqx.Module):
-    """What surrounds the glider, tabulated in one frame."""
-
-    frame: Frame
-    currents: CurrentField
-    bathymetry: Bathymetry
-
-
-class Member(NamedTuple):
-    """What distinguishes one member: its drawn physics and errors; constant during a run.
-
-    ``key`` two uint32 words of its own random stream; ``heading`` rad, true minus believed, and ``turn`` its cosine
-    and sine; ``stay`` factor on the time at the surface; ``speed`` factor on the speed
-    through the water; ``power`` W of the devices while diving, climbing and at the surface; ``per_surfacing`` and
-    ``per_inflection`` J of the devices; ``energy_limit`` J at which the mission ends with outcome ``limit_code``.
-    """
-
-    key: Any
-    model: Any
-    heading: Any
-    turn: tuple[Any, Any]
-    stay: Any
-    speed: Any
-    power: tuple[Any, Any, Any]
-    per_surfacing: Any
-    per_inflection: Any
-    energy_limit: Any
-    limit_code: Any
-
-
-class Sums(NamedTuple):
-    """What adds up during a mission: energies J, times s, counts, distances m."""
-
-    pump: Any
-    retract: Any
-    brake: Any
-    hotel: Any
-    dive_time: Any
-    climb_time: Any
-    surface_time: Any
-    inflections: Any
-    surfacings: Any
-    through_water: Any
-    over_ground: Any
-
-
-class Log(NamedTuple):
-    """One surfacing, or one departure from the surface: absolute time s, position in frame metres, rule index."""
-
-    time: Any
-    east: Any
-    north: Any
-    reason: Any
-
-
-class State(NamedTuple):
-    """A mission at the end of a step; positions in frame metres, times in s of the present interval unless absolute.
-
-    ``depth`` where the next leg starts; ``turn`` the last turning depth, which predicts the next; ``due`` when the
-    surfacing clock runs out and ``reason`` which rule set it; ``dive_time`` absolute, when it left the surface;
-    ``arrivals`` (one per waypoint, NaN before) and the logs' times are absolute. ``surfaced`` and ``left`` are the
-    last surfacing and departure, ``*_before`` the ones before. ``last_*`` describe the step just made.
-    """
-
-    time: Any
-    east: Any
-    north: Any
-    dr_east: Any
-    dr_north: Any
-    dac_east: Any
-    dac_north: Any
-    depth: Any
-    turn: Any
-    at_surface: Any
-    due: Any
-    reason: Any
-    dive_clock: Any
-    leg: Any
-    done: Any
-    segment_speed: Any
-    segment_yos: Any
-    error_east: Any
-    error_north: Any
-    current_east: Any
-    current_north: Any
-    sums: Sums
-    delta: Sums
-    last_time: Any
-    last_east: Any
-    last_north: Any
-    last_turn: Any
-    last_top: Any
-    last_dive: Any
-    last_climb: Any
-    last_up: Any
-    contacts: Any
-    outcome: Any
-    end_time: Any
-    steps: Any
-    arrivals: tuple[Any, ...]
-    surfaced: Log
-    surfaced_before: Log
-    left: Log
-    left_before: Log
 
 
 def sample_speed(plan: Plan, key, segment):
@@ -141,212 +35,6 @@ def sample_speed(plan: Plan, key, segment):
     cell = jnp.clip(place.astype(jnp.int32), 0, plan.speeds.shape[0] - 2)
     low, high = plan.speeds[cell], plan.speeds[cell + 1]
     return low + (place - cell.astype(place.dtype)) * (high - low)
-
-
-def _sample(plan, member, base, state, **fields):
-    """A physics sample at this moment, in the run's dtype, completed with the vehicle's constants."""
-    dtype = plan.dive_to.dtype
-    time = base + state.time
-    common = dict(
-        time=time,
-        elapsed=time,
-        stroke_volume=plan.climb_volume - plan.dive_volume,
-        inflections=state.sums.inflections,
-    )
-    return Sample.of(dtype, **(common | fields))
-
-
-def _steer(plan, east, north, speed, dac_east, dac_north):
-    """Unit vector to hold through the water and the speed made good toward a point (east, north) m away."""
-    distance = jnp.sqrt(east * east + north * north)
-    safe = jnp.maximum(distance, 1e-3)
-    de, dn = east / safe, north / safe
-    along = plan.correction * (dac_east * de + dac_north * dn)
-    across = plan.correction * (dac_north * de - dac_east * dn)
-    sine = jnp.clip(-across / speed, -0.95, 0.95)
-    cosine = jnp.sqrt(1.0 - sine * sine)
-    return de * cosine - dn * sine, dn * cosine + de * sine, cosine * speed + along, distance
-
-
-def _turned(member, plan, base, state, he, hn):
-    """The true direction of travel for a believed one: compass and other heading errors are added, clockwise."""
-    c, s = member.turn
-    if member.model.has(Channel.HEADING):
-        angle = member.heading + member.model.total(
-            Channel.HEADING, _sample(plan, member, base, state, heading=jnp.arctan2(he, hn))
-        )
-        c, s = jnp.cos(angle), jnp.sin(angle)
-    return he * c + hn * s, hn * c - he * s
-
-
-class _Dive(NamedTuple):
-    """The underwater half of a step, before it moves anything."""
-
-    duration: Any
-    dive_time: Any
-    climb_time: Any
-    forward: Any
-    believed: Any
-    turn: Any
-    top: Any
-    yos: Any
-    surfaces: Any
-    reason: Any
-    he: Any
-    hn: Any
-    te: Any
-    tn: Any
-    reached: Any
-    reach_time: Any
-    contact: Any
-    aground: Any
-    no_bottom: Any
-    flies: Any
-    sx: Any
-    sy: Any
-
-
-def _plan_dive(member, plan: Plan, shape: Shape, env: Environment, legs, base, state: State, sx, sy) -> _Dive:
-    """Work out how many yos fit, where they turn, whether one is cut short, and where the glider points."""
-    down0 = legs.cumulative(jnp.maximum(state.turn, state.depth + plan.minimum_yo))
-    zp = jnp.maximum(state.turn, state.depth + plan.minimum_yo)
-    w_down = zp / down0.dive_time
-    w_up = zp / down0.climb_time
-    top = jnp.maximum(plan.climb_to - w_up * plan.overshoot_time, 0.3 * plan.climb_to)
-    start, ceiling = legs.cumulative(state.depth), legs.cumulative(top)
-    first = down0.dive_time - start.dive_time
-    cycle = (down0.dive_time - ceiling.dive_time) + (down0.climb_time - ceiling.climb_time)
-    mean_speed = (down0.dive_distance + down0.climb_distance - ceiling.dive_distance - ceiling.climb_distance) / cycle
-    believed_ratio = _believed(plan, legs, zp, top, cycle) / mean_speed
-
-    # Where the glider believes the waypoint is, and how soon it would get there.
-    to_east = (plan.waypoints[state.leg, 0] - state.dr_east) / sx
-    to_north = (plan.waypoints[state.leg, 1] - state.dr_north) / sy
-    he1, hn1, good1, distance = _steer(
-        plan, to_east, to_north, mean_speed * believed_ratio, state.dac_east, state.dac_north
-    )
-    arrival = jnp.where(good1 > 1e-3, jnp.maximum(distance - plan.radius, 0.0) / jnp.maximum(good1, 1e-3), _FAR)
-    last_leg = jnp.asarray(False) if shape.loop else state.leg >= shape.waypoints - 1
-    stops = last_leg | jnp.asarray(shape.waypoint_surfaces)
-
-    remaining, reason = state.due - state.time, state.reason
-    count = len(shape.reasons)
-    comes_up = stops & (arrival < remaining)
-    remaining = jnp.where(comes_up, arrival, remaining)
-    reason = jnp.where(comes_up, jnp.where(last_leg, count - 1, count - 3), reason)
-    yo_left = plan.yo_limit - state.segment_yos
-    room = jnp.minimum(plan.bundle, remaining - first - cycle)
-    yos = jnp.clip(jnp.floor(room / cycle), 1.0, 64.0)
-    if shape.bounded_yos:
-        yos = jnp.clip(yos, 1.0, jnp.maximum(yo_left, 1.0))
-
-    te1, tn1 = _turned(member, plan, base, state, he1, hn1)
-    # The seafloor at the mean place of the turns, corrected along its slope for the time a deeper turn takes.
-    ratio = 1.0 / w_down + 0.5 * (yos - 1.0) * (1.0 / w_down + 1.0 / w_up)
-    # A turn is commanded before it is made: the seafloor that counts lies where the overshoot begins.
-    tau = first + 0.5 * (yos - 1.0) * cycle - plan.overshoot_time
-    ve = (mean_speed * te1 + state.current_east) * sx
-    vn = (mean_speed * tn1 + state.current_north) * sy
-    depth, gx, gy = env.bathymetry.depth(state.east + ve * tau, state.north + vn * tau)
-    if member.model.has(Channel.WATER_DEPTH):
-        depth = depth + member.model.total(Channel.WATER_DEPTH, _sample(plan, member, base, state, bottom_depth=depth))
-    slope = jnp.clip((gx * ve + gy * vn) * ratio, -0.5, 0.5)
-    clearance = depth - plan.altitude
-    over = w_down * plan.overshoot_time
-    wanted = jnp.minimum((clearance + slope * (over - zp)) / (1.0 - slope), plan.dive_to)
-    turn = wanted + over
-    if member.model.has(Channel.TURN_DEPTH):
-        turn = turn + member.model.total(
-            Channel.TURN_DEPTH, _sample(plan, member, base, state, depth=wanted, depth_rate=w_down, direction=-1.0)
-        )
-    floor = jnp.maximum(state.depth, top) + plan.minimum_yo
-    turn = jnp.maximum(turn, floor)
-    limit = depth - 0.5
-    contact = turn > limit
-    turn = jnp.minimum(turn, limit)
-    aground = (depth < plan.minimum_depth) | (turn < top + 0.5)
-
-    reach = legs.depth_after(state.depth, remaining) + over
-    # Written out: a reduction over so few numbers costs more than the rest of the step.
-    breaks = jnp.asarray(True)
-    for k in range(count):
-        breaks = jnp.where(reason == k, plan.interrupts[k] > 0.5, breaks)
-    cut = (yos < 1.5) & (reach < turn) & breaks
-    turn = jnp.where(cut, jnp.maximum(reach, state.depth + 0.5 * plan.minimum_yo), turn)
-    turn = jnp.where(aground | jnp.isnan(turn), floor, turn)
-
-    low = legs.cumulative(turn)
-    first_time = low.dive_time - start.dive_time
-    up_time = low.climb_time - ceiling.climb_time
-    one_time = (low.dive_time - ceiling.dive_time) + up_time
-    # A rule that waits for the yo brings up only the first climb that begins after its time.
-    surfaces = (yos < 1.5) & (remaining <= first_time + jnp.where(breaks, up_time, 0.0))
-    if shape.bounded_yos:
-        finished = yos >= yo_left - 0.25
-        reason = jnp.where(finished & ~surfaces, count - 2, reason)
-        # The last yo of a counted segment runs on to the surface, whatever number is bundled before it.
-        surfaces = surfaces | finished
-    rise = jnp.where(surfaces, ceiling.climb_time, 0.0)
-    climb_time = yos * up_time + rise
-    dive_time = first_time + (yos - 1.0) * (one_time - up_time)
-    duration = dive_time + climb_time
-    forward = (
-        (low.dive_distance - start.dive_distance)
-        + (yos - 1.0) * (low.dive_distance - ceiling.dive_distance)
-        + yos * (low.climb_distance - ceiling.climb_distance)
-        + jnp.where(surfaces, ceiling.climb_distance, 0.0)
-    )
-    believed = forward * believed_ratio
-
-    # A waypoint reached on the way splits the step between two headings.
-    reached = (arrival < duration) & ~comes_up | (comes_up & surfaces)
-    share = jnp.where(reached & ~comes_up, arrival / duration, 1.0)
-    following = jnp.where(state.leg + 1 >= shape.waypoints, 0, state.leg + 1)
-    from_east = state.dr_east + (believed / duration * he1 + plan.correction * state.dac_east) * arrival * sx
-    from_north = state.dr_north + (believed / duration * hn1 + plan.correction * state.dac_north) * arrival * sy
-    he2, hn2, _, _ = _steer(
-        plan,
-        (plan.waypoints[following, 0] - from_east) / sx,
-        (plan.waypoints[following, 1] - from_north) / sy,
-        mean_speed * believed_ratio,
-        state.dac_east,
-        state.dac_north,
-    )
-    he = share * he1 + (1.0 - share) * he2
-    hn = share * hn1 + (1.0 - share) * hn2
-    te2, tn2 = _turned(member, plan, base, state, he2, hn2)
-    return _Dive(
-        duration=duration,
-        dive_time=dive_time,
-        climb_time=climb_time,
-        forward=forward,
-        believed=believed,
-        turn=turn,
-        top=jnp.where(surfaces, 0.0, top),
-        yos=yos,
-        surfaces=surfaces,
-        reason=reason,
-        he=he,
-        hn=hn,
-        te=share * te1 + (1.0 - share) * te2,
-        tn=share * tn1 + (1.0 - share) * tn2,
-        reached=reached,
-        reach_time=jnp.where(comes_up, duration, arrival),
-        contact=contact,
-        aground=aground,
-        no_bottom=jnp.isnan(depth),
-        flies=legs.valid(),
-        sx=sx,
-        sy=sy,
-    )
-
-
-def _believed(plan, legs, deep, shallow, cycle):
-    """The forward speed the vehicle's own dead reckoning assumes: depth rate over the tangent of the pitch."""
-    if isinstance(legs, ConstantLegs):
-        return legs.forward
-    path = deep - shallow
-    return (path / plan.dive_tangent + path / plan.climb_tangent) / cycle
 
 
 def step(member: Member, plan: Plan, shape: Shape, env: Environment, legs, clock, base, go, state: State) -> State:
@@ -371,7 +59,7 @@ def step(member: Member, plan: Plan, shape: Shape, env: Environment, legs, clock
         legs = ConstantLegs(forward, forward * plan.dive_tangent, forward * plan.climb_tangent)
     sx, sy = env.frame.stretch(state.north)
     # Each stage is fenced: unfenced, XLA would repeat it in every one of the state's kernels.
-    dive = fenced(run, lambda: _plan_dive(member, plan, shape, env, legs, base, state, sx, sy))
+    dive = fenced(run, lambda: plan_dive(member, plan, shape, env, legs, base, state, sx, sy))
     move = fenced(run, lambda: _move(member, plan, env, clock, base, state, dive, sx, sy))
     delta = fenced(run, lambda: _energies(member, plan, base, state, dive, move))
     sums = jax.tree.map(jnp.add, state.sums, delta)
@@ -397,14 +85,14 @@ class _Move(NamedTuple):
     late: Any
 
 
-def _move(member, plan: Plan, env: Environment, clock, base, state: State, dive: _Dive, sx, sy) -> _Move:
+def _move(member, plan: Plan, env: Environment, clock, base, state: State, dive: Dive, sx, sy) -> _Move:
     """Carry the glider through the water and with it, by the midpoint rule."""
     dtype = plan.dive_to.dtype
     up = state.at_surface
     stay = plan.surface_stay * member.stay
     if member.model.has(Channel.SURFACE_INTERVAL):
         stay = stay + member.model.total(
-            Channel.SURFACE_INTERVAL, _sample(plan, member, base, state, surface_duration=stay)
+            Channel.SURFACE_INTERVAL, sample_of(plan, member, base, state, surface_duration=stay)
         )
     duration = jnp.where(up, stay, dive.duration)
     forward = jnp.where(up, 0.0, dive.forward)
@@ -441,7 +129,7 @@ def _move(member, plan: Plan, env: Environment, clock, base, state: State, dive:
     )
 
 
-def _verdict(member, plan, shape, base, go, state: State, dive: _Dive, move: _Move, sums: Sums):
+def _verdict(member, plan, shape, base, go, state: State, dive: Dive, move: _Move, sums: Sums):
     """Whether the step counts, the outcome after it, and the absolute time at which the member ended."""
     up = state.at_surface
     spent = total_energy(member, sums)
@@ -471,7 +159,7 @@ def _finishes(shape, state, dive):
     return dive.reached & ~state.at_surface & (state.leg >= shape.waypoints - 1)
 
 
-def _advance(member, plan, shape, base, state: State, dive: _Dive, move: _Move, sums, delta) -> State:
+def _advance(member, plan, shape, base, state: State, dive: Dive, move: _Move, sums, delta) -> State:
     """The state after a step that counts."""
     up = state.at_surface
     sx_east, sy_north = move.east - state.east, move.north - state.north
@@ -551,7 +239,7 @@ def _extra_currents(member, plan, base, state, up, duration, lower, water, ce, c
     drifting = [c for c in (Channel.SURFACE_DRIFT_EAST, Channel.SURFACE_DRIFT_NORTH) if model.has(c)]
     if not moving and not drifting:
         return ce, cn
-    middle = _sample(
+    middle = sample_of(
         plan,
         member,
         base,
@@ -572,20 +260,20 @@ def _extra_currents(member, plan, base, state, up, duration, lower, water, ce, c
     return ce, cn + jnp.where(up, extra.get(Channel.SURFACE_DRIFT_NORTH, zero), 0.0)
 
 
-def _energies(member, plan, base, state, dive: _Dive, move) -> Sums:
+def _energies(member, plan, base, state, dive: Dive, move) -> Sums:
     """What a step draws, by component; devices are counted by time and event and priced by ``total_energy``."""
     model, up, duration = member.model, state.at_surface, move.duration
     zero = jnp.zeros_like(duration)
     half = state._replace(time=state.time + 0.5 * duration)
-    deep = _sample(plan, member, base, half, depth=dive.turn, inflection_depth=dive.turn, direction=1.0)
+    deep = sample_of(plan, member, base, half, depth=dive.turn, inflection_depth=dive.turn, direction=1.0)
     # The first dive of a segment starts at the surface; all others at the ceiling of the yo.
     upper = jnp.where(up, 0.0, state.depth)
-    high = _sample(plan, member, base, half, depth=upper, inflection_depth=upper, direction=-1.0)
+    high = sample_of(plan, member, base, half, depth=upper, inflection_depth=upper, direction=-1.0)
     pump, brake_deep = model.stroke_energy(deep)
     retract, brake_high = model.retract_energy(high)
-    hotel_down = model.hotel_power(_sample(plan, member, base, half, depth=0.5 * dive.turn, direction=-1.0))
-    hotel_up = model.hotel_power(_sample(plan, member, base, half, depth=0.5 * dive.turn, direction=1.0))
-    resting = _sample(plan, member, base, half, direction=0.0, surface_duration=duration)
+    hotel_down = model.hotel_power(sample_of(plan, member, base, half, depth=0.5 * dive.turn, direction=-1.0))
+    hotel_up = model.hotel_power(sample_of(plan, member, base, half, depth=0.5 * dive.turn, direction=1.0))
+    resting = sample_of(plan, member, base, half, direction=0.0, surface_duration=duration)
     surface = (model.hotel_power(resting) + model.surface_power(resting)) * duration
     if model.has(Channel.SURFACING_ENERGY):
         surface = surface + model.surfacing_energy(resting)
