@@ -82,6 +82,7 @@ class Row:
     """One simulation of ours beside the published one; spreads are (5 %, median, 95 %) over members that arrived.
 
     ``seconds`` of flying all ``members`` once compiled, ``first_seconds`` with compilation. ``arrived`` is a share.
+    ``by_start`` median days of each start, one where the weather plays no part.
     """
 
     paper: PaperRow
@@ -95,6 +96,7 @@ class Row:
     arrived: float
     seconds: float
     first_seconds: float
+    by_start: tuple[float, ...]
     track: Track
 
     @property
@@ -219,6 +221,7 @@ def fly_row(
         parts={c: float(energy[some, k].mean() / 1e3) for k, c in enumerate(tracks[0].components)},
         through_water_km=float(way[some].mean() / 1e3), members=arrived.size, arrived=float(arrived.mean()),
         seconds=seconds, first_seconds=first_seconds, track=tracks[0],
+        by_start=tuple(spread_of(part)[1] for part in np.split(days_flown, len(runs))),
     )  # fmt: skip
 
 
