@@ -23,7 +23,7 @@ from glider_jax.inference.evidence import Situation, situation_of, surfacings_of
 from glider_jax.products.coordinates import LocalFrame, distance, iso_time, place_text
 from glider_jax.readers.dead_reckoning import finite, metres
 from glider_jax.readers.live_state import StaleFix
-from glider_jax.records import Array, CurrentGrid, Recording
+from glider_jax.records import Array, CurrentGrid, Recording, Track
 
 HOUR, DAY, MILE = 3600.0, 86400.0, 1852.0
 DEFAULT_HOURS = 48.0
@@ -373,10 +373,14 @@ def run_next(options: Options, out: Path | None) -> dict[str, Any]:
     if options.reserve is not None:
         settings["reserve_fraction"] = options.reserve
     flown = replace(flown, track=replace(flown.track, settings=settings))
+    battery = _outlook(evidence.recording, flown, vehicle, options)
+    flown = replace(flown, track=charged(flown.track, battery))
     result = summarise(flown.track, reserve=options.reserve)
     warnings = list(evidence.warnings)
+    if grid is not None:
+        warnings += _uncovered(grid, situation, horizon)
     result["next"] = next_entry(flown, evidence.now, warnings)
-    result["outlook"] = _outlook(evidence.recording, flown, vehicle, options)
+    result["outlook"] = battery
     result["inputs"] = _inputs(situation, vehicle, evidence, options)
     result["warnings"] = warnings
     result["scored"] = None
@@ -519,6 +523,35 @@ def _outlook(recording: Recording | None, flown, vehicle: Vehicle, options: Opti
         counter=(time[order][mine], charge[order][mine]), charge_used=known.charge_used, capacity=known.capacity,
         relative_charge=known.relative_charge, reserve=options.reserve, way_home=options.way_home, seed=options.seed,
     )  # fmt: skip
+
+
+def charged(track: Track, battery: dict[str, Any]) -> Track:
+    """The track with the pack as it is: draws scaled to the counter, the share left as the glider has it.
+
+    Where the share left is not known the pack counts as full, and the track's notes say so.
+    """
+    factor = battery["ah_per_day"]["scaled_by"] or 1.0
+    used = np.asarray(track.charge_used) * factor
+    track = replace(track, charge_used=used, energy=np.asarray(track.energy) * factor)
+    left = battery["charge_left_percent"]
+    if left is None or not battery["capacity_ah"]:
+        return replace(
+            track, notes=(*track.notes, "charge left not known: the forecast begins with a full pack")
+        )
+    share = left / 100.0 - used / (3600.0 * battery["capacity_ah"])
+    return replace(track, state_of_charge=np.clip(share, 0.0, 1.0))
+
+
+def _uncovered(grid: CurrentGrid, situation: Situation, horizon: float) -> list[str]:
+    """A warning where the product does not reach along the forecast's way."""
+    times = situation.time + np.linspace(0.0, horizon, 49)
+    missing = ~np.isfinite(course(grid, situation, situation.behaviour.dive_to)(times)).all(axis=0)
+    if not missing.any():
+        return []
+    share = 100.0 * missing.mean()
+    return [
+        f"the current product does not cover {share:.0f} % of the forecast's way: still water is taken there"
+    ]
 
 
 def _inputs(situation: Situation, vehicle: Vehicle, evidence: Evidence, options: Options) -> dict[str, Any]:
