@@ -1,0 +1,181 @@
+"""Name what was left out: forward, swap and backward search over the library by evidence, with physical priors.
+
+Imports the inference. A newcomer would get wrong: an effect is accepted on evidence beyond its prior odds and dropped
+only well below that, so the search cannot run in circles; and one that a near twin explains as well is reported as a
+class, with what would decide.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from glider_jax.diagnosis.candidates import Candidate, Looks, Variant
+from glider_jax.inference.fit import TIDES, Linear, Problem, heaving, linearise, stack
+
+#: nats: evidence beyond prior odds that accepts, below which an accepted one is dropped, that a swap must gain, and
+#: within which alternatives are reported.
+ACCEPT, DROP, SWAP, ALIKE = 4.3, 3.3, 1.0, 3.0
+MOST_EFFECTS, MOST_MOVES = 6, 14
+
+
+@dataclass(frozen=True)
+class Pick:
+    """An accepted candidate, its best variant and the evidence for it in nats."""
+
+    candidate: Candidate
+    variant: Variant
+    evidence: float
+
+
+class Search:
+    """State of a search: the problem, its linearisation and what was accepted so far."""
+
+    def __init__(self, problem: Problem, progress=lambda text: None):
+        self.problem = problem
+        self.looks = Looks(problem)
+        self.progress = progress
+        self.picks: list[Pick] = []
+        self.path: list[str] = []
+        self.linear: Linear | None = None
+        self.firsts: dict[str, float] = {}
+
+    def run(self) -> None:
+        """Search until nothing more is worth accepting, dropping or swapping."""
+        self.progress("derivatives of every effect")
+        self.looks.prepare()
+        self.relinearise(harden=2)
+        self.firsts = {c.id: self._gain(c, self.fixed, self.base)[0] for c in self.candidates}
+        for _ in range(MOST_MOVES):
+            if not self._move():
+                break
+            self.progress(f"accepted: {', '.join(p.candidate.id for p in self.picks) or 'nothing'}")
+            self.relinearise()
+        self.refine()
+
+    def refine(self) -> None:
+        """One more Gauss-Newton step at the accepted set."""
+        if self.picks:
+            self.relinearise(learn_noise=False)
+
+    def relinearise(self, harden: int = 0, learn_noise: bool = True) -> None:
+        """Step to the fitted values of the accepted effects and make the linear problem anew there."""
+        if self.linear is not None:
+            self._step()
+        periods = tuple(t for t in TIDES if t < self.looks.duration)
+        beside = stack(
+            self.problem, {"vertical speed": heaving(self.problem.gathered, periods, 0.01)}, 2 * len(periods)
+        ) if self.problem.gathered.stream("vertical speed") is not None else None  # fmt: skip
+        self.linear = linearise(self.problem, self.looks, harden=harden, learn_noise=learn_noise, integrate=beside)
+        self.candidates = self.looks.candidates(self.linear.labels)
+        kinds = [
+            self.problem.replay.unknowns[c.unknown].kind if c.unknown >= 0 else "fixed" for c in self.linear.labels
+        ]
+        self.fixed = [i for i, kind in enumerate(kinds) if kind != "candidate"]
+        self._rebind()
+        self.base = self.linear.score(self.fixed)
+
+    def _step(self) -> None:
+        """Set the unknowns to their posterior means under the accepted set; everything else to its centre."""
+        mean, _ = self.linear.solve(self.active)
+        values = self.problem.centres()
+        scales = self.problem.scales()
+        for index, z in zip(self.active, mean, strict=True):
+            unknown = self.linear.labels[index].unknown
+            if unknown >= 0:
+                one = self.problem.replay.unknowns[unknown]
+                values[unknown] = np.clip(one.centre + scales[unknown] * z, one.lower, one.upper)
+        self.problem.values = values
+        self.problem.shapes = {k: v for pick in self.picks for k, v in pick.variant.shapes.items()}
+
+    def _rebind(self) -> None:
+        """Point the accepted effects at the unknowns' own columns, which now stand at their shapes."""
+        fresh = []
+        for pick in self.picks:
+            candidate = next(c for c in self.candidates if c.id == pick.candidate.id)
+            own = {self.linear.labels[i].unknown for i in pick.variant.columns}
+            columns = tuple(
+                i for i, c in enumerate(self.linear.labels) if c.variant == 0 and c.unknown in own
+            )  # fmt: skip
+            fresh.append(Pick(candidate, Variant(columns, 0.0, pick.variant.shapes), pick.evidence))
+        self.picks = fresh
+
+    @property
+    def active(self) -> list[int]:
+        """Columns of calibrations, nuisances and accepted effects."""
+        return self.fixed + [i for pick in self.picks for i in pick.variant.columns]
+
+    def _gain(self, candidate: Candidate, active: list[int], base: float) -> tuple[float, Variant]:
+        """Evidence of adding a candidate, its shapes averaged out, and its best variant."""
+        scores = []
+        for variant in candidate.variants:
+            if np.abs(self.linear.gram[list(variant.columns), list(variant.columns)]).max() < 1e-6:
+                scores.append(-1e-9 + variant.log_weight)
+                continue
+            scores.append(self.linear.score(active + list(variant.columns)) - base + variant.log_weight)
+        best = int(np.argmax(scores))
+        return float(np.logaddexp.reduce(scores)) + candidate.log_odds, candidate.variants[best]
+
+    def _without(self, k: int) -> list[int]:
+        return self.fixed + [i for n, pick in enumerate(self.picks) if n != k for i in pick.variant.columns]
+
+    def losses(self) -> list[float]:
+        """Evidence that each accepted effect would cost to drop, its prior odds included."""
+        whole = self.linear.score(self.active)
+        return [
+            whole - self.linear.score(self._without(k)) + pick.candidate.log_odds for k, pick in enumerate(self.picks)
+        ]
+
+    def alternatives(self, k: int) -> list[tuple[str, float]]:
+        """Effects that would explain as well in place of an accepted one: id and nats behind it (negative: ahead)."""
+        without = self._without(k)
+        base = self.linear.score(without)
+        mine = self.losses()[k]
+        taken = {pick.candidate.id for pick in self.picks}
+        found = []
+        for candidate in self.candidates:
+            if candidate.id not in taken:
+                gain, _ = self._gain(candidate, without, base)
+                if gain > 0.0 and mine - gain < ALIKE:
+                    found.append((candidate.id, mine - gain))
+        return sorted(found, key=lambda pair: pair[1])
+
+    def _move(self) -> bool:
+        """One backward, swap or forward move; False where none is worth it."""
+        if self.picks:
+            losses = self.losses()
+            worst = int(np.argmin(losses))
+            if losses[worst] < DROP:
+                self.path.append(f"dropped {self.picks[worst].candidate.id} ({losses[worst]:.1f} nats)")
+                del self.picks[worst]
+                return True
+            for k in range(len(self.picks)):
+                better = [a for a in self.alternatives(k) if a[1] < -SWAP]
+                if better and self._swap(k, better[0][0], -better[0][1]):
+                    return True
+        taken = {pick.candidate.id for pick in self.picks}
+        if len(self.picks) >= MOST_EFFECTS:
+            return False
+        active = self.active
+        base = self.linear.score(active)
+        gains = [(self._gain(c, active, base), c) for c in self.candidates if c.id not in taken]
+        (gain, variant), candidate = max(gains, key=lambda pair: pair[0][0])
+        dropped = any(line.startswith(f"dropped {candidate.id} ") for line in self.path)
+        if gain <= ACCEPT or dropped:
+            return False
+        self.path.append(f"accepted {candidate.id} ({gain:.1f} nats)")
+        self.picks.append(Pick(candidate, variant, gain))
+        return True
+
+    def _swap(self, k: int, id: str, gain: float) -> bool:
+        line = f"swapped {self.picks[k].candidate.id} for {id}"
+        back = f"swapped {id} for {self.picks[k].candidate.id}"
+        if any(done.startswith((line, back)) for done in self.path):
+            return False
+        candidate = next(c for c in self.candidates if c.id == id)
+        without = self._without(k)
+        evidence, variant = self._gain(candidate, without, self.linear.score(without))
+        self.path.append(f"{line} ({gain:.1f} nats)")
+        self.picks[k] = Pick(candidate, variant, evidence)
+        return True

@@ -1,0 +1,233 @@
+"""Linear-Gaussian inference on whitened residuals: evidence of any set of effects, their values and uncertainties.
+
+Imports NumPy and the replay. All unknowns are standard normal before the data, calibrations and nuisances are always
+free, so an effect that a calibration's sigma explains earns nothing. A newcomer would get wrong: evidence is of a set,
+and the linear problem is made anew at the fitted values (Gauss-Newton) before a fitted value is reported.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from glider_jax.inference.noise import CourseNoise, Noise, SeriesNoise, fit_noise
+from glider_jax.inference.replay import Replay
+from glider_jax.inference.streams import Gathered
+from glider_jax.records import Array
+
+#: m s-1; how far from the truth a steady glide model may be at a depth, on dives and climbs each. Published vertical
+#: water velocities claim 4 to 5 mm/s; what hysteresis of a CTD leaves after its correction is a tenth of that.
+INADEQUACY = 5e-4
+NODES = 4
+#: s; periods of the heaving water that are integrated out of the noise beside the library.
+TIDES = (89428.0, 44714.0, 21600.0, 14400.0)
+
+
+@dataclass(frozen=True)
+class Column:
+    """One direction in the space of predictions: the unknown it belongs to (-1 beside the replay), term, variant."""
+
+    unknown: int
+    name: str
+    term: str
+    variant: int = 0
+
+
+@dataclass
+class Linear:
+    """The problem linearised at values of the unknowns, whitened; rows in the order of the noise laws' streams.
+
+    ``residual`` (n,) is what the unknowns at their centres leave; ``columns`` (n, k); ``gram`` and ``pull`` their
+    products. ``block`` (n,) the dive of each row, ``stream`` (n,) its stream's index, ``raw`` the unwhitened residual.
+    """
+
+    residual: Array
+    columns: Array
+    labels: tuple[Column, ...]
+    block: Array
+    stream: Array
+    raw: Array
+    raw_columns: Array
+    gram: Array = field(init=False)
+    pull: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.gram = self.columns.T @ self.columns
+        self.pull = self.columns.T @ self.residual
+
+    def score(self, active: list[int]) -> float:
+        """Logarithm of the evidence of a set of columns, up to what all sets share."""
+        lower = np.linalg.cholesky(self.gram[np.ix_(active, active)] + np.eye(len(active)))
+        y = np.linalg.solve(lower, self.pull[active])
+        return float(0.5 * y @ y - np.log(np.diag(lower)).sum())
+
+    def solve(self, active: list[int]) -> tuple[Array, Array]:
+        """Posterior mean and covariance of a set of columns, prior units."""
+        covariance = np.linalg.inv(self.gram[np.ix_(active, active)] + np.eye(len(active)))
+        return covariance @ self.pull[active], covariance
+
+
+@dataclass
+class Problem:
+    """Everything needed to linearise: data, replay, noise, and where we stand.
+
+    ``values`` are the unknowns' values in their units, ``shapes`` shape parameters that differ from their centres.
+    """
+
+    gathered: Gathered
+    replay: Replay
+    noises: list[Noise]
+    values: Array
+    shapes: dict[str, float]
+    keep: dict[str, Array]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Streams in the order of rows."""
+        return tuple(name for noise in self.noises for name in noise.names)
+
+    def scales(self) -> Array:
+        """Prior sd of every unknown."""
+        return np.array([u.scale for u in self.replay.unknowns])
+
+    def centres(self) -> Array:
+        """Prior mean of every unknown."""
+        return np.array([u.centre for u in self.replay.unknowns])
+
+
+def make_problem(gathered: Gathered, replay: Replay) -> Problem:
+    """Choose the noise laws for the streams there are, and start at the vehicle's own numbers."""
+    streams = {s.name: s for s in gathered.streams}
+
+    def pair(kind: str):
+        names = (f"{kind} east", f"{kind} north")
+        return (streams[names[0]], streams[names[1]]) if names[0] in streams else None
+
+    noises: list[Noise] = []
+    moved, drift = pair("displacement"), pair("surface drift")
+    if moved is not None or drift is not None:
+        noises.append(CourseNoise(moved, drift, gathered.product))
+    taken = {name for noise in noises for name in noise.names}
+    noises += [SeriesNoise(s) for s in gathered.streams if s.name not in taken]
+    values = np.array([u.centre for u in replay.unknowns])
+    return Problem(gathered, replay, noises, values, {}, {})
+
+
+def inadequacy(gathered: Gathered) -> dict[str, Array]:
+    """Columns of what a glide model may be wrong by: hats in depth on dives and on climbs, per stream."""
+    stream = gathered.stream("vertical speed")
+    if stream is None or stream.n < 50:
+        return {}
+    depth, direction = stream.covariates["depth"], stream.covariates["direction"]
+    nodes = np.quantile(depth, np.linspace(0.02, 0.98, NODES))
+    nodes = np.maximum.accumulate(nodes + 1e-3 * np.arange(NODES))
+    columns = []
+    for way in (-1.0, 1.0):
+        for k in range(NODES):
+            hat = np.interp(depth, nodes, np.eye(NODES)[k])
+            columns.append(INADEQUACY * hat * (direction == way))
+    return {stream.name: np.stack(columns, axis=1)}
+
+
+def heaving(gathered: Gathered, periods: tuple[float, ...], scale: float) -> Array:
+    """Columns (n, 2 per period) of vertical speed under heaving water of some periods; positive rate is down."""
+    stream = gathered.stream("vertical speed")
+    if stream is None:
+        return np.empty((0, 0))
+    phase = 2.0 * np.pi * stream.time[:, None] / np.asarray(periods)
+    both = np.stack([np.cos(phase), np.sin(phase)], axis=2)
+    return -scale * both.reshape(stream.n, -1)
+
+
+def stack(problem: Problem, per_stream: dict[str, Array], width: int) -> Array:
+    """Rows of all streams in order; streams that are not named get zeros."""
+    blocks = []
+    for name in problem.names:
+        n = problem.gathered.stream(name).n
+        blocks.append(per_stream[name] if name in per_stream else np.zeros((n, width)))
+    return np.concatenate(blocks) if blocks else np.zeros((0, width))
+
+
+def rows_of(problem: Problem) -> list[slice]:
+    """Rows of each noise law."""
+    found, start = [], 0
+    for noise in problem.noises:
+        found.append(slice(start, start + noise.n))
+        start += noise.n
+    return found
+
+
+def linearise(
+    problem: Problem,
+    extra: Callable[[dict[str, Array]], list[tuple[list[Column], dict[str, Array]]]],
+    *,
+    learn_noise: bool = True,
+    harden: int = 0,
+    integrate: Array | None = None,
+    independent: bool = False,
+) -> Linear:
+    """Linearise at the problem's values, find the noise, whiten.
+
+    Parameters
+    ----------
+    extra : makes further columns beside the unknowns' own, with their labels, per stream, of the unknowns' own.
+    learn_noise : find the sizes of the noise laws anew, with the library integrated out.
+    harden : rounds of reweighting by heavy tails.
+    integrate : (n, k) columns integrated out of the noise beside the unknowns' own.
+    independent : take every number as independent, for comparison only.
+    """
+    predicted, own = problem.replay.jacobian(problem.values, problem.shapes)
+    streams = {s.name: s for s in problem.gathered.streams}
+    ahead = (problem.values - problem.centres()) / problem.scales()
+    raw = np.concatenate([streams[n].value - predicted[n] for n in problem.names])
+    columns = np.nan_to_num(np.concatenate([own[n] for n in problem.names]))
+    residual = raw + columns @ ahead
+    labels = [Column(i, u.name, u.term) for i, u in enumerate(problem.replay.unknowns)]
+    whole = [columns]
+    for names, per_stream in extra(own):
+        labels += names
+        whole.append(stack(problem, per_stream, len(names)))
+    everything = np.concatenate(whole, axis=1)
+    basis = columns if integrate is None else np.concatenate([columns, integrate], axis=1)
+    fixed = [i for i, c in enumerate(labels) if c.term == "inadequacy"]
+    basis = np.concatenate([basis, everything[:, fixed]], axis=1)
+    white = np.empty_like(everything)
+    clean = np.empty_like(residual)
+    for noise, rows in zip(problem.noises, rows_of(problem), strict=True):
+        if independent:
+            _independent(noise)
+        elif learn_noise:
+            fit_noise(noise, residual[rows], basis[rows])
+        for round_ in range(harden + 1):
+            out, _ = noise.whiten(np.column_stack([residual[rows], everything[rows]]))
+            if round_ < harden:
+                j, r = noise.whiten(basis[rows])[0], out[:, 0]
+                best = np.linalg.solve(j.T @ j + np.eye(j.shape[1]), j.T @ r)
+                noise.harden(r - j @ best)
+        clean[rows], white[rows] = out[:, 0], out[:, 1:]
+    block = np.concatenate([streams[n].block for n in problem.names])
+    which = np.concatenate([np.full(streams[n].n, i) for i, n in enumerate(problem.names)])
+    return Linear(clean, white, tuple(labels), block, which, raw, everything)
+
+
+def _independent(noise: Noise) -> None:
+    """Put all scatter into the white part."""
+    if isinstance(noise, SeriesNoise):
+        noise.sizes = np.log([np.exp(noise.sizes[0]), 1e-9, 1e-9, 3600.0])
+    else:
+        noise.sizes = np.log([1e-9, 3600.0, 1e-9, np.exp(noise.sizes[3]), np.exp(noise.sizes[4])])
+
+
+def robust_covariance(linear: Linear, active: list[int], mean: Array, covariance: Array) -> Array:
+    """Posterior covariance widened by what the scores of whole dives scatter more than the noise law says."""
+    left = linear.residual - linear.columns[:, active] @ mean
+    scores = linear.columns[:, active] * left[:, None]
+    blocks = np.unique(linear.block)
+    summed = np.stack([scores[linear.block == b].sum(axis=0) for b in blocks])
+    n = max(blocks.size - 1, 1)
+    middle = summed.T @ summed * (blocks.size / n) + np.eye(len(active))
+    sandwich = covariance @ middle @ covariance
+    scale = np.sqrt(np.maximum(np.diag(sandwich) / np.diag(covariance), 1.0))
+    return covariance * np.outer(scale, scale)

@@ -1,0 +1,228 @@
+"""Windows of a recording in which energy, voltage, turning depths and drift are measured.
+
+NumPy only. A newcomer would get wrong: a recorded current is the mean since the row before, so a window's energy
+leaves out its first row; a pump stroke's window holds hotel load too, which the replay adds back.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from glider_jax.inference.controls import Rows, at
+from glider_jax.readers.dead_reckoning import finite, metres
+from glider_jax.readers.dives import DESCENT, Leg, Surfacing
+from glider_jax.records import Array, Recording
+
+#: s; longer rows are holes and end a window.
+LONGEST_ROW = 30.0
+#: Blocks per segment and phase into which quiet power is averaged.
+BLOCKS = 3
+
+
+class Power(NamedTuple):
+    """Electrical rows: time, step s, energy since the row before J, current A, voltage V, pump runs or just ran."""
+
+    time: Array
+    step: Array
+    energy: Array
+    current: Array
+    voltage: Array
+    busy: Array
+
+
+class Window(NamedTuple):
+    """Sums over one window: energy J and seconds, mean voltage and current, middle time."""
+
+    energy: float
+    seconds: float
+    voltage: float
+    current: float
+    time: float
+    rows: int
+
+
+def power_rows(recording: Recording) -> Power | None:
+    """Rows with a current; None where no current was recorded."""
+    time, current = finite(recording, "current")
+    if time.size < 50:
+        return None
+    moments, volts = finite(recording, "battery_voltage")
+    voltage = np.interp(time, moments, volts) if moments.size > 2 else np.full(time.size, 14.0)
+    step = np.diff(time, prepend=time[0] - np.median(np.diff(time)))
+    step = np.where(step > LONGEST_ROW, np.nan, step)
+    usual = float(np.nanmedian(step))
+    move_time, moving = finite(recording, "pump_moving")
+    vol_time, volume = finite(recording, "pumped_volume")
+    if move_time.size > 0.3 * time.size and moving.max() > 0:
+        busy = np.interp(time, move_time, moving) > 0.0
+    elif vol_time.size > 10:
+        moved = np.interp(time, vol_time, volume)
+        reach = moved.max() - moved.min()
+        busy = np.abs(np.diff(moved, prepend=moved[0])) > max(0.02 * reach, 3e-6)
+    else:
+        busy = np.zeros(time.size, bool)
+    # The stroke begins and ends between rows, and its brake acts before the flag is up.
+    wide = busy.copy()
+    for shift in range(1, max(1, int(np.ceil(16.0 / usual))) + 1):
+        wide[:-shift] |= busy[shift:]
+        wide[shift:] |= busy[:-shift]
+    return Power(time, step, current * voltage * step, current, voltage, wide)
+
+
+def total(power: Power, rows: Array) -> Window | None:
+    """Sums over rows; None where a hole or too little is in them."""
+    if rows.size == 0:
+        return None
+    seconds = float(power.step[rows].sum())
+    if not np.isfinite(seconds):
+        return None
+    return Window(
+        float(power.energy[rows].sum()),
+        seconds,
+        float(power.voltage[rows].mean()),
+        float(power.current[rows].mean()),
+        float(0.5 * (power.time[rows[0]] + power.time[rows[-1]])),
+        int(rows.size),
+    )
+
+
+class Stroke(NamedTuple):
+    """One pump stroke: window, whether out (dive to climb), depth m, volume moved m3, leg that follows, K."""
+
+    window: Window
+    out: bool
+    depth: float
+    volume: float
+    leg: int
+    temperature: float
+
+
+def strokes(power: Power, rows: Rows, ways: list[Leg], recording: Recording) -> list[Stroke]:
+    """Pump strokes at turns under water, each with the window of rows that it fills."""
+    if not power.busy.any():
+        return []
+    edges = np.flatnonzero(np.diff(power.busy.astype(int), prepend=0, append=0))
+    first, last = edges[::2], edges[1::2] - 1
+    begin, end = power.time[first], power.time[last]
+    moments, volume = finite(recording, "pumped_volume")
+    found = []
+    for number in range(1, len(ways)):
+        one, two = ways[number - 1], ways[number]
+        if one.end_time != two.start_time or one.phase == two.phase:
+            continue
+        out = one.phase == DESCENT
+        near = np.flatnonzero((end > two.start_time - 90.0) & (begin < two.start_time + 60.0))
+        if near.size != 1:
+            continue
+        window = total(power, np.arange(first[near[0]], last[near[0]] + 1))
+        if window is None:
+            continue
+        moved = 460e-6
+        if moments.size > 10:
+            ends = np.interp([begin[near[0]] - 10.0, end[near[0]] + 5.0], moments, volume)
+            moved = float(abs(ends[1] - ends[0]))
+            if moved < 30e-6:
+                continue
+        depth = float(one.end_depth)
+        warm = float(np.interp(two.start_time, rows.time, rows.temperature))
+        found.append(Stroke(window, out, depth, moved, number, warm))
+    return found
+
+
+class Load(NamedTuple):
+    """Quiet power of a phase: window, direction, segment, mean depth and height above the bottom, temperatures."""
+
+    window: Window
+    direction: float
+    segment: int
+    depth: float
+
+
+def quiet_loads(power: Power, rows: Rows, spans: Array) -> list[Load]:
+    """Windows without a stroke: per segment and phase, in ``BLOCKS`` parts of each segment.
+
+    ``spans`` (segment, 2) are the times under water.
+    """
+    place = np.clip(np.searchsorted(rows.time, power.time), 0, rows.time.size - 1)
+    direction, depth = rows.direction[place], rows.depth[place]
+    quiet = ~power.busy & np.isfinite(power.step)
+    found = []
+    for number, (begin, end) in enumerate(spans):
+        edges = np.linspace(begin + 90.0, end - 60.0, BLOCKS + 1)
+        for low, high in zip(edges[:-1], edges[1:], strict=True):
+            inside = quiet & (power.time > low) & (power.time <= high)
+            for way in (-1.0, 1.0):
+                mine = np.flatnonzero(inside & (direction == way))
+                window = total(power, mine) if mine.size >= 5 else None
+                if window is not None:
+                    found.append(Load(window, way, number, float(depth[mine].mean())))
+    return found
+
+
+def surface_loads(power: Power, stays: list[Surfacing]) -> list[tuple[int, Window, float]]:
+    """Stays at the surface with both ends known: number, window without its edges, length of the stay s."""
+    found = []
+    for number, stay in enumerate(stays):
+        if not (np.isfinite(stay.start) and np.isfinite(stay.end)) or stay.end - stay.start < 120.0:
+            continue
+        mine = np.flatnonzero((power.time > stay.start + 45.0) & (power.time < stay.end - 30.0) & ~power.busy)
+        window = total(power, mine) if mine.size >= 5 else None
+        if window is not None:
+            found.append((number, window, float(stay.end - stay.start)))
+    return found
+
+
+def drift_weights(stay: Surfacing, origin: tuple[float, float]) -> tuple[float, float, float] | None:
+    """Drift east and north in m/s over a stay's fixes, and the seconds they span; None with too few fixes.
+
+    The median over pairs of fixes: one wrong fix does not turn it.
+    """
+    if stay.time.size < 4 or stay.time[-1] - stay.time[0] < 150.0:
+        return None
+    east, north = metres(stay.latitude, stay.longitude, origin)
+    span = float(stay.time[-1] - stay.time[0])
+    i, j = np.triu_indices(stay.time.size, 1)
+    far = stay.time[j] - stay.time[i] > 0.4 * span
+    i, j = i[far], j[far]
+    lapse = stay.time[j] - stay.time[i]
+    drift = np.median((east[j] - east[i]) / lapse), np.median((north[j] - north[i]) / lapse)
+    return (float(drift[0]), float(drift[1]), span) if np.hypot(*drift) < 2.5 else None
+
+
+def surface_depths(recording: Recording, stays: list[Surfacing]) -> list[tuple[int, float, float]]:
+    """Median recorded depth in m while certainly at the surface: number of the stay, time, depth."""
+    time, depth = finite(recording, "depth")
+    found = []
+    for number, stay in enumerate(stays):
+        if stay.time.size < 4:
+            continue
+        mine = depth[(time > stay.time[1]) & (time < stay.time[-2])]
+        if mine.size >= 5:
+            found.append((number, float(stay.time.mean()), float(np.median(mine))))
+    return found
+
+
+def charge_ratios(recording: Recording, spans: Array) -> list[tuple[int, float, float, float]]:
+    """Counted over integrated charge per segment: number, time, logarithm of the ratio, coulombs."""
+    time, current = finite(recording, "current")
+    when, charge = finite(recording, "charge_used")
+    if time.size < 50 or when.size < 50:
+        return []
+    step = np.diff(time, prepend=time[0])
+    integral = np.concatenate([[0.0], np.cumsum(current[1:] * step[1:])])
+    found = []
+    for number, (begin, end) in enumerate(spans):
+        inside = (time >= begin) & (time <= end)
+        if inside.sum() < 20 or step[inside][1:].max() > 60.0:
+            continue
+        low, high = time[inside][0], time[inside][-1]
+        counted = float(np.diff(np.interp([low, high], when, charge))[0])
+        summed = float(np.diff(np.interp([low, high], time, integral))[0])
+        if counted > 0.0 and summed > 20.0:
+            found.append((number, 0.5 * (low + high), float(np.log(counted / summed)), summed))
+    return found
+
+
+__all__ = ["Load", "Power", "Stroke", "Window", "at"]
