@@ -48,7 +48,7 @@ def soak(folder: Path, seconds: float, unplugs: int, others: int, speed: float =
     counts = rng.integers(1, 1023, size=(ticks, 8)).astype(np.uint16)
     data = frames.encode_revision_1(counts)
     rate = len(data) / seconds * speed
-    faults = faults_for(len(data), rate, unplugs, others, min(20.0, seconds / 20), seed)
+    faults = faults_for(len(data), rate, unplugs, others, min(20.0, seconds / 20) / speed, seed)
     emulator = Emulator(PtyLine(folder / "tty"), data, bytes_per_second=rate, faults=faults, seed=seed)
     thread, stop = emulator.start()
     while not (folder / "tty").exists():
