@@ -104,8 +104,9 @@ def next_surfacing(
 
     from glider_jax.errors import ConfigError, GliderJaxError, did_you_mean
     from glider_jax.products.atomic import termination_raises
-    from glider_jax.products.next_surfacing import Options, run_next
-    from glider_jax.products.next_surfacing import watch as watch_files
+    from glider_jax.products.live_inputs import Options
+    from glider_jax.products.live_inputs import watch as watch_files
+    from glider_jax.products.next_surfacing import run_next
     from glider_jax.readers.live_state import StaleFix
     from glider_jax.readers.vehicles import presets
 

@@ -34,7 +34,7 @@ def scores(
 
     from glider_jax.products import frozen
     from glider_jax.products.hindcast import plain_numbers
-    from glider_jax.products.next_surfacing import Options, gather
+    from glider_jax.products.live_inputs import Options, gather
 
     forecasts, told = frozen.load(out)
     for text in told:

@@ -1,4 +1,4 @@
-"""The live job: read what a pilot has at a surfacing, forecast the next one, freeze it, score the last one.
+"""The live job: forecast the next surfacing from what a pilot has, freeze the forecast, score the last one.
 
 The command line parses and prints; everything else happens here. JAX is loaded only when members fly.
 """
@@ -7,332 +7,34 @@ from __future__ import annotations
 
 import json
 import math
-import re
-import tempfile
-import time as clock
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from glider_jax.config import Mission, Vehicle
+from glider_jax.config import Vehicle
 from glider_jax.errors import ConfigError, DataError
-from glider_jax.inference.evidence import Situation, situation_of, surfacings_of_state
-from glider_jax.products.coordinates import LocalFrame, distance, iso_time, place_text
-from glider_jax.readers.dead_reckoning import finite, metres
-from glider_jax.readers.live_state import StaleFix
-from glider_jax.records import Array, CurrentGrid, Recording, Track
+from glider_jax.inference.evidence import Situation
+from glider_jax.products.coordinates import LocalFrame, iso_time, place_text
+from glider_jax.products.live_inputs import (
+    DAY,
+    HOUR,
+    Evidence,
+    Options,
+    course,
+    gather,
+    read_floor,
+    read_product,
+    uncovered,
+    with_charge,
+)
+from glider_jax.products.live_missions import believes_dives
+from glider_jax.readers.dead_reckoning import finite
+from glider_jax.records import Recording, Track
 
-HOUR, DAY, MILE = 3600.0, 86400.0, 1852.0
-DEFAULT_HOURS = 48.0
+MILE = 1852.0
 SPREAD = {"p05": 0.05, "p25": 0.25, "median": 0.5, "p75": 0.75, "p95": 0.95}
-#: Slocum ``start_when`` codes and the rules of a mission that can cause them.
-_CODES = {
-    2: "yo_done", 3: "mission_done", 6: "after", 7: "waypoint", 8: "waypoint", 9: "every", 11: "science",
-    12: "no_comms", 13: "utc", 16: "inflections",
-}  # fmt: skip
-_FAR_WAYPOINT = 500.0
-
-
-@dataclass(frozen=True)
-class Options:
-    """What a pilot gives; None and empty take what the glider itself said.
-
-    ``now`` UTC s, NaN for the newest evidence, None for the clock.  ``stale`` s.  ``variation`` rad.
-    ``charge_used``, ``capacity`` C.  ``way_home`` s.  ``outputs`` names the products to write besides the summary.
-    """
-
-    dialogs: tuple[Path, ...] = ()
-    recordings: tuple[Path, ...] = ()
-    cache: Path | None = None
-    mission: Path | None = None
-    decimal_degrees: bool = False
-    vehicle: Path | str | None = None
-    glider: str | None = None
-    currents: tuple[Path, ...] = ()
-    bathymetry: Path | None = None
-    variation: float | None = None
-    now: float | None = None
-    stale: float | None = None
-    members: int = 2000
-    hours: float = DEFAULT_HOURS
-    seed: int = 0
-    charge_used: float | None = None
-    capacity: float | None = None
-    reserve: float | None = None
-    way_home: float = 0.0
-    outputs: frozenset[str] = frozenset()
-
-
-@dataclass(frozen=True)
-class Evidence:
-    """The files read and the situation they add up to."""
-
-    situation: Situation
-    recording: Recording | None
-    mission: Mission | None
-    warnings: tuple[str, ...]
-    now: float
-
-
-def gather(options: Options) -> Evidence:
-    """Read every input and weigh it up.
-
-    Raises
-    ------
-    DataError : nothing was given, nothing holds a fix, or no mission runs.
-    StaleFix : the newest fix is too old.
-    """
-    if not options.dialogs and not options.recordings:
-        raise DataError(
-            "next: expected a dialog or a recording, found neither. Give --dialog LOG or --recording DIR."
-        )
-    moment = options.now if options.now is not None and math.isfinite(options.now) else None
-    recording = None
-    if options.recordings:
-        from glider_jax.readers.recordings import read_recording
-
-        recording = read_recording(list(options.recordings), cache=options.cache)
-    surfacings, files, warnings = _heard(options, moment)
-    situation = situation_of(recording, surfacings, moment=moment, variation=options.variation, files=files)
-    now = situation.time if options.now is not None and math.isnan(options.now) else options.now
-    now = clock.time() if now is None else now
-    check_age(situation, now, options.stale)
-    mission = None
-    if options.mission is not None:
-        mission, said = mission_files(options.mission, situation, decimal_degrees=options.decimal_degrees)
-        mission, told = reconcile(mission, situation)
-        warnings += said + told
-    return Evidence(situation, recording, mission, tuple(warnings), now)
-
-
-def _heard(options: Options, moment: float | None):
-    """Surfacings of all dialogs, oldest first, digests of the files, and what was mended in them."""
-    if not options.dialogs:
-        return [], {}, []
-    from glider_jax.readers.dialogs import joined_logs, read_dialog
-    from glider_jax.readers.glider_state import read_glider_state
-
-    until = math.inf if moment is None else moment
-    logs, surfacings, files, told = [], [], {}, []
-    for path in options.dialogs:
-        if _is_state(path):
-            state = read_glider_state(path, vehicle=options.glider or "")
-            files |= dict(state.source.files)
-            surfacings += surfacings_of_state(state, until)
-            told += [f"{path.name}: {r.count} x {r.kind} ({r.detail})" for r in state.repairs]
-            continue
-        log = read_dialog(path, vehicle=options.glider)
-        files |= dict(log.source.files)
-        told += [f"{path.name}: {r.count} x {r.kind} ({r.detail})" for r in log.repairs]
-        logs.append(log if moment is None else log.until(moment))
-    vehicles = dict.fromkeys(name for log in logs for name in log.vehicles)
-    if len(vehicles) > 1:
-        raise DataError(
-            f"next: expected dialogs of one glider, found {', '.join(vehicles)}. Choose one with --glider."
-        )
-    joined = logs[0] if len(logs) == 1 else joined_logs(logs) if logs else None
-    surfacings += list(joined.surfacings) if joined is not None else []
-    surfacings.sort(key=lambda s: s.time if math.isfinite(s.time) else -math.inf)
-    if not surfacings:
-        told.append("no surfacing found in the dialog")
-    return surfacings, files, told
-
-
-def _is_state(path: Path) -> bool:
-    """Whether a file is a dockserver's state, by what it says and not by its name."""
-    try:
-        with path.open("rb") as stream:
-            return b"<gliderState" in stream.read(4096)
-    except OSError as error:
-        raise DataError(
-            f"{path}: expected a dialog log or state file, found {error.strerror}. Check it."
-        ) from error
-
-
-def check_age(situation: Situation, now: float, limit: float | None) -> None:
-    """Refuse a fix that is older than ``limit`` s, by default three dives and at least six hours.
-
-    Raises
-    ------
-    StaleFix : it is older.
-    """
-    known = situation.behaviour
-    limit = max(6 * HOUR, 3.0 * (math.exp(known.duration.centre) + known.stay)) if limit is None else limit
-    age = now - situation.time
-    if age > limit:
-        raise StaleFix(
-            f"{situation.name}: expected a fix of the last {limit / HOUR:.1f} h, found the newest at "
-            f"{iso_time(situation.time)}, {age / HOUR:.1f} h before {iso_time(now)}. Give newer files, --now data to "
-            "forecast as if it were then, or --stale-h.",
-            age,
-        )
-
-
-def mission_files(
-    path: Path, situation: Situation, *, decimal_degrees: bool = False
-) -> tuple[Mission, list[str]]:
-    """Read the mission that the glider flies from a file or folder, and say what had to be filled in.
-
-    In a folder with several the one named in the dialog is taken. Where the list of waypoints is missing, the
-    waypoint that the glider names is flown to.
-    """
-    from glider_jax.readers.missions import read_mission
-
-    path = _named_mission(path, situation)
-    try:
-        return read_mission(path, decimal_degrees=decimal_degrees), []
-    except DataError:
-        number = _list_number(path) if situation.waypoint is not None else None
-        if number is None:
-            raise
-    # The list that is missing is written into a copy, so that everything else is read as it stands.
-    with tempfile.TemporaryDirectory() as folder:
-        places = (path.parent.parent / "mafiles", path.parent / "mafiles", path.parent)
-        for one in (file for place in places for file in _inside(place)):
-            if one.is_file() and one.suffix.lower() in (".mi", ".ma"):
-                (Path(folder) / one.name.lower()).write_bytes(one.read_bytes())
-        latitude, longitude = situation.waypoint
-        lines = ["behavior_name=goto_list", "<start:b_arg>", "b_arg: num_waypoints(nodim) 1", "<end:b_arg>"]
-        lines += ["<start:waypoints>", f"{_nmea(longitude)} {_nmea(latitude)}", "<end:waypoints>"]
-        (Path(folder) / f"goto_l{number:02d}.ma").write_text("\n".join(lines) + "\n")
-        mission = read_mission(Path(folder) / path.name.lower(), decimal_degrees=False)
-    files = {Path(name).name: digest for name, digest in mission.source.files.items()}
-    files.pop(f"goto_l{number:02d}.ma", None)
-    text = f"{path.name}: goto_l{number:02d}.ma is not there: the waypoint that the glider names is flown to"
-    return replace(mission, name=path.stem, source=replace(mission.source, files=files)), [text]
-
-
-def _inside(folder: Path) -> list[Path]:
-    return sorted(folder.iterdir()) if folder.is_dir() else []
-
-
-def _named_mission(path: Path, situation: Situation) -> Path:
-    """The file of a folder that bears the mission's name; the folder itself where none does."""
-    wanted = {s.mission.lower() for s in situation.surfacings[-1:] if s.mission}
-    for folder in (path, path / "missions"):
-        for one in _inside(folder) if path.is_dir() else []:
-            if one.suffix.lower() == ".mi" and one.name.lower() in wanted:
-                return one
-    return path
-
-
-def _list_number(path: Path) -> int | None:
-    """Number of the file that a mission's list of waypoints is taken from, None where it names none."""
-    if path.suffix.lower() != ".mi" or not path.is_file():
-        return None
-    text = re.sub(r"#[^\n]*", "", path.read_text("latin-1"))
-    block = re.search(r"behavior:\s*goto_list\b(.*?)(?=behavior:|\Z)", text, re.S | re.I)
-    number = re.search(r"args_from_file\([^)]*\)\s+\+?(\d{1,2})\b", block.group(1)) if block else None
-    return int(number.group(1)) if number else None
-
-
-def _nmea(degrees: float) -> str:
-    """Degrees and minutes as mission files hold them: DDDMM.mmmmm, signed."""
-    tenths = round(abs(degrees) * 60.0 * 1e5)
-    whole, minutes = divmod(tenths, 60 * 100_000)
-    return f"{'-' if degrees < 0 else ''}{whole:d}{minutes / 1e5:08.5f}"
-
-
-def reconcile(mission: Mission, situation: Situation) -> tuple[Mission, list[str]]:
-    """The mission as far as the glider itself does not contradict it, and a warning for each contradiction.
-
-    The glider is believed: its waypoint is flown first, and where its dives last otherwise than the mission's clock
-    says, they go on as they were.
-    """
-    told: list[str] = []
-    if situation.waypoint is not None:
-        far = [math.hypot(*(float(v) for v in metres(*p, situation.waypoint))) for p in mission.waypoints]
-        if min(far) > _FAR_WAYPOINT:
-            told.append(
-                f"{mission.name}: the glider flies to {place_text(*situation.waypoint)}, the nearest waypoint of the "
-                f"mission files lies {min(far) / 1e3:.1f} km from it: the glider is believed; check the files"
-            )
-            mission = replace(mission, waypoints=(situation.waypoint, *mission.waypoints), first_waypoint=0)
-    kinds = {rule.kind for rule in mission.surface} | {"mission_done"}
-    for one in situation.surfacings[-3:]:
-        kind = _CODES.get(int(one.start_when)) if math.isfinite(one.start_when) else None
-        if kind is not None and kind not in kinds:
-            told.append(
-                f"{mission.name}: the glider came up for '{one.reason.strip()}' (start_when {one.start_when:g}), the "
-                f"mission files have no such rule, only {', '.join(sorted(kinds))}: check the files"
-            )
-            break
-    named = [s.mission for s in situation.surfacings if s.mission]
-    if named and Path(named[-1]).stem.lower() != mission.name.lower():
-        told.append(f"{mission.name}: the glider says it flies '{named[-1]}': check the files")
-    period = [rule.seconds for rule in mission.surface if rule.kind in ("every", "after", "no_comms")]
-    known = situation.behaviour
-    usual = math.exp(known.duration.centre)
-    if period and known.segments >= 3 and not 0.6 < usual / min(period) < 1.6:
-        told.append(
-            f"{mission.name}: the mission files bring the glider up after {min(period) / HOUR:.2f} h, its last dives "
-            f"took {usual / HOUR:.2f} h: the dives are believed"
-        )
-    if known.segments and known.dive_to < 0.8 * mission.yo.dive_to:
-        told.append(
-            f"{mission.name}: dives go to {mission.yo.dive_to:g} m, the glider turned at {known.dive_to:.0f} m"
-        )
-        mission = replace(
-            mission, yo=replace(mission.yo, dive_to=max(known.dive_to, mission.yo.climb_to + 3.0))
-        )
-    return mission, told
-
-
-def believes_dives(told: Iterable[str]) -> bool:
-    """Whether the mission's clock was found to be contradicted by the dives."""
-    return any(text.endswith("the dives are believed") for text in told)
-
-
-def course(grid: CurrentGrid, situation: Situation, deepest: float) -> Callable[[Array], Array]:
-    """East and north of a product, m/s, where the glider was and will be, as a function of UTC s.
-
-    Averaged to the depth of the dives. NaN outside the product's area and time.
-    """
-    keep = grid.depth <= max(deepest, grid.depth[0])
-    east, north = (
-        np.nanmean(v[:, keep], axis=1) if keep.sum() > 1 else v[:, 0] for v in (grid.east, grid.north)
-    )
-    past = [(s.start_time, s.start_latitude, s.start_longitude) for s in situation.segments]
-    past = sorted({*past, (situation.time, situation.latitude, situation.longitude)})
-    known = situation.behaviour
-    to = situation.waypoint
-    if to is not None:
-        far = float(distance(situation.latitude, situation.longitude, *to))
-        past.append((situation.time + max(far / math.exp(known.speed.centre), 60.0), to[0], to[1]))
-    track = np.array(past)
-
-    def at(time: Array) -> Array:
-        latitude, longitude = (np.interp(time, track[:, 0], track[:, k]) for k in (1, 2))
-        return np.stack([_look_up(grid, field, time, latitude, longitude) for field in (east, north)])
-
-    return at
-
-
-def _look_up(grid: CurrentGrid, field: Array, time: Array, latitude: Array, longitude: Array) -> Array:
-    """Linear in time and space, NaN outside; ``field`` (time, latitude, longitude)."""
-    turned = grid.longitude[0] + (longitude - grid.longitude[0]) % 360.0
-
-    def place(axis: Array, values: Array) -> tuple[Array, Array, Array]:
-        if axis.size == 1:
-            return np.zeros(values.size, int), np.zeros(values.size, int), np.zeros(values.size)
-        low = np.clip(np.searchsorted(axis, values) - 1, 0, axis.size - 2)
-        part = (values - axis[low]) / (axis[low + 1] - axis[low])
-        return low, low + 1, np.where((part < -1e-9) | (part > 1.0 + 1e-9), np.nan, part)
-
-    t0, t1, pt = place(grid.time, time)
-    if grid.constant_in_time:
-        pt = np.zeros(time.size)
-    j0, j1, pj = place(grid.latitude, latitude)
-    i0, i1, pi = place(grid.longitude, turned)
-
-    def level(t):
-        south = field[t, j0, i0] * (1 - pi) + field[t, j0, i1] * pi
-        return south * (1 - pj) + (field[t, j1, i0] * (1 - pi) + field[t, j1, i1] * pi) * pj
-
-    return level(t0) * (1 - pt) + level(t1) * pt
 
 
 def run_next(options: Options, out: Path | None) -> dict[str, Any]:
@@ -356,9 +58,9 @@ def run_next(options: Options, out: Path | None) -> dict[str, Any]:
     from glider_jax.readers.vehicles import read_vehicle
 
     vehicle = read_vehicle(options.vehicle)
-    situation = _with_charge(evidence.situation, options)
-    grid = _currents(options, situation)
-    floor = _bathymetry(options, situation)
+    situation = with_charge(evidence.situation, options)
+    grid = read_product(options, situation)
+    floor = read_floor(options, situation)
     ruled = evidence.mission is not None and not believes_dives(evidence.warnings)
     horizon = options.hours * HOUR
     flown = fly(
@@ -378,7 +80,7 @@ def run_next(options: Options, out: Path | None) -> dict[str, Any]:
     result = summarise(flown.track, reserve=options.reserve)
     warnings = list(evidence.warnings)
     if grid is not None:
-        warnings += _uncovered(grid, situation, horizon)
+        warnings += uncovered(grid, situation, horizon)
     result["next"] = next_entry(flown, evidence.now, warnings)
     result["outlook"] = battery
     result["inputs"] = _inputs(situation, vehicle, evidence, options)
@@ -395,40 +97,6 @@ def run_next(options: Options, out: Path | None) -> dict[str, Any]:
             kind: str(p) for kind, p in _write(flown.track, result, out, options.outputs).items()
         }
     return result
-
-
-def _with_charge(situation: Situation, options: Options) -> Situation:
-    changes: dict[str, Any] = {}
-    if options.charge_used is not None:
-        changes |= {"charge_used": options.charge_used, "relative_charge": math.nan}
-    if options.capacity is not None:
-        changes |= {"capacity": options.capacity, "relative_charge": math.nan}
-    return replace(situation, **changes)
-
-
-def _box(situation: Situation, hours: float) -> tuple[float, float, float, float]:
-    margin = 0.3 + 0.6 * hours * HOUR / 111e3
-    wide = margin / max(math.cos(math.radians(situation.latitude)), 0.1)
-    latitude, longitude = situation.latitude, situation.longitude
-    return latitude - margin, latitude + margin, longitude - wide, longitude + wide
-
-
-def _currents(options: Options, situation: Situation) -> CurrentGrid | None:
-    if not options.currents:
-        return None
-    from glider_jax.readers.currents import read_currents
-
-    begin = min([situation.time - DAY, *(s.dive_time for s in situation.segments[-20:])])
-    period = (begin, situation.time + options.hours * HOUR)
-    return read_currents(list(options.currents), box=_box(situation, options.hours), period=period)
-
-
-def _bathymetry(options: Options, situation: Situation):
-    if options.bathymetry is None:
-        return None
-    from glider_jax.readers.bathymetry import read_bathymetry
-
-    return read_bathymetry(options.bathymetry, box=_box(situation, options.hours))
 
 
 def next_entry(flown, now: float, warnings: list[str]) -> dict[str, Any]:
@@ -542,18 +210,6 @@ def charged(track: Track, battery: dict[str, Any]) -> Track:
     return replace(track, state_of_charge=np.clip(share, 0.0, 1.0))
 
 
-def _uncovered(grid: CurrentGrid, situation: Situation, horizon: float) -> list[str]:
-    """A warning where the product does not reach along the forecast's way."""
-    times = situation.time + np.linspace(0.0, horizon, 49)
-    missing = ~np.isfinite(course(grid, situation, situation.behaviour.dive_to)(times)).all(axis=0)
-    if not missing.any():
-        return []
-    share = 100.0 * missing.mean()
-    return [
-        f"the current product does not cover {share:.0f} % of the forecast's way: still water is taken there"
-    ]
-
-
 def _inputs(situation: Situation, vehicle: Vehicle, evidence: Evidence, options: Options) -> dict[str, Any]:
     recording = evidence.recording
     assumed = list(situation.assumed)
@@ -597,41 +253,3 @@ def _write(track, result: dict[str, Any], out: Path, outputs: frozenset[str]) ->
 
         files["kmz"] = write_kml(track, result, out / "next.kmz")
     return files
-
-
-def signature(paths: Iterable[Path]) -> tuple:
-    """Names, sizes and times of files (and of those in folders): changes when something arrives."""
-    found = []
-    for path in paths:
-        inside = sorted(path.iterdir()) if path.is_dir() else [path]
-        for one in inside:
-            if one.is_file():
-                state = one.stat()
-                found.append((str(one), state.st_size, state.st_mtime_ns))
-    return tuple(found)
-
-
-def watch(
-    paths: Iterable[Path],
-    seconds: float,
-    act: Callable[[], None],
-    *,
-    rounds: int | None = None,
-    sleep=clock.sleep,
-) -> int:
-    """Call ``act`` now and whenever files change, looking every ``seconds``; returns how often it was called.
-
-    A change is acted upon once the files have stayed the same for one look, so that a download can end.
-    """
-    paths = list(paths)
-    acted, last, calls, looks = None, None, 0, 0
-    while rounds is None or looks < rounds:
-        state = signature(paths)
-        if state != acted and (state == last or acted is None):
-            act()
-            acted, calls = state, calls + 1
-        last = state
-        looks += 1
-        if rounds is None or looks < rounds:
-            sleep(seconds)
-    return calls

@@ -7,7 +7,8 @@ import sys
 
 import pytest
 
-from glider_jax.products.next_surfacing import _nmea, watch
+from glider_jax.products.live_inputs import watch
+from glider_jax.products.live_missions import _nmea
 from glider_jax_cli.main import main
 from tests.inference.test_live import TWO
 from tests.readers.glider_layouts import simulate, write_native

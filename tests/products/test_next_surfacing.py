@@ -11,14 +11,9 @@ import pytest
 from glider_jax.config import SurfaceRule
 from glider_jax.inference.currents import estimate_currents
 from glider_jax.inference.evidence import situation_of
-from glider_jax.products.next_surfacing import (
-    _uncovered,
-    believes_dives,
-    charged,
-    check_age,
-    course,
-    reconcile,
-)
+from glider_jax.products.live_inputs import check_age, course, uncovered
+from glider_jax.products.live_missions import believes_dives, reconcile
+from glider_jax.products.next_surfacing import charged
 from glider_jax.readers.live_state import StaleFix
 from glider_jax.readers.recordings import read_recording
 from glider_jax.records import CurrentGrid, Source
@@ -71,8 +66,8 @@ def test_a_product_that_fits_is_blended_in(situation):
     assert blended.product_weight > 0.6
     assert blended.sd[-1] < alone.sd[-1]
     assert abs(blended.mean[0, -1] - 0.12) < 0.04
-    assert _uncovered(field, situation, 12 * 3600.0) == []
-    (text,) = _uncovered(product(hours=8), situation, 48 * 3600.0)
+    assert uncovered(field, situation, 12 * 3600.0) == []
+    (text,) = uncovered(product(hours=8), situation, 48 * 3600.0)
     assert "does not cover" in text
 
 
