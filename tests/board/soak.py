@@ -35,7 +35,7 @@ def faults_for(size: int, rate: float, unplugs: int, others: int, longest_s: flo
     places = rng.uniform(0.03, 0.97, size=unplugs + others) * size
     kinds = ["unplug"] * unplugs + list(rng.choice(["flip", "burst", "drop", "double", "noise"], size=others))
     return [
-        Fault(int(at), str(kind), float(rng.uniform(0.3, longest_s)))
+        Fault(int(at), str(kind), float(rng.uniform(0.1 * longest_s, longest_s)))
         for at, kind in sorted(zip(places, kinds, strict=True))
     ]
 

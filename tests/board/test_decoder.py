@@ -174,7 +174,7 @@ class TestNotOurs:
 
     @pytest.mark.parametrize("received", [4800, 19200, 38400])
     def test_wrong_baud(self, received):
-        _, raw = log(2000)
+        _, raw = log(300)
         with pytest.raises(DataError, match="baud"):
             decode_bytes(at_wrong_baud(raw, 9600, received))
 
