@@ -154,13 +154,16 @@ class Way(NamedTuple):
 
 
 def ways(segments) -> list[Way]:
-    """The ways through the water of segments; dead reckoned, else ground less the glider's own current."""
+    """The ways through the water of segments; dead reckoned, else ground less the glider's own current.
+
+    Where no current is known either the way over the ground is taken, and the current counts as what will change.
+    """
     found = []
     for one in segments:
         water = complex(one.water_east, one.water_north)
         if not np.isfinite(water):
             current = complex(one.glider_current_east, one.glider_current_north)
-            water = complex(one.east, one.north) - current * one.duration
+            water = complex(one.east, one.north) - (current * one.duration if np.isfinite(current) else 0.0)
         length = one.path_length if np.isfinite(one.path_length) else abs(water)
         found.append(Way(one.dive_time, one.duration, water, max(length, abs(water))))
     return found

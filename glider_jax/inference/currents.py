@@ -38,6 +38,8 @@ _SHEAR_SD = (0.04, 0.12, 0.3)
 _SHEAR_MEMORY = 9.0 * HOUR
 #: m/s and m; a depth average is good to 1 to 2 cm/s, and to what two fixes are over its time.
 _OWN_SD, _FIXES_SD = 0.015, 15.0
+#: m/s; how far the current of a dive lies from the mean when nobody measured it.
+_UNKNOWN_SD = 0.05
 #: m/s; positions of a few minutes of drift.
 _DRIFT_SD = 0.03
 _NODES = 4
@@ -118,14 +120,17 @@ def observe(segments, *, latest: int = _LATEST) -> Observations:
     """Depth averages and surface drifts of dive segments, the newest ``latest`` of them.
 
     A segment's own average is preferred to the glider's, because forecasts use the same dead reckoning and what is
-    wrong with it cancels; where there is none the glider's is taken.
+    wrong with it cancels; where there is none the glider's is taken. Where there is neither, the way over the ground
+    stands for that through the water, and the current is zero by definition, to what a change would make of it.
     """
     rows = []
     for one in list(segments)[-latest:]:
         east, north = one.current_east, one.current_north
         if not (np.isfinite(east) and np.isfinite(north)):
             east, north = one.glider_current_east, one.glider_current_north
-        if np.isfinite(east) and np.isfinite(north) and np.hypot(east, north) < 3.0:
+        if not (np.isfinite(east) or np.isfinite(north) or np.isfinite(one.water_east)):
+            rows.append((one.dive_time, one.surface_time, 0.0, 0.0, _UNKNOWN_SD, False))
+        elif np.isfinite(east) and np.isfinite(north) and np.hypot(east, north) < 3.0:
             row = felt(one.dive_time, one.surface_time, east, north)
             rows.append((*row[:4], row[4] * (2.0 if one.gap or one.dives > 1 else 1.0), False))
         if np.isfinite(one.drift_east) and np.isfinite(one.drift_north):

@@ -7,6 +7,7 @@ import pytest
 
 from glider_jax.errors import DataError
 from glider_jax.inference import currents
+from glider_jax.inference.behaviour import learn
 from glider_jax.inference.currents import (
     SEMIDIURNAL,
     drifted,
@@ -14,7 +15,9 @@ from glider_jax.inference.currents import (
     felt,
     inertial_frequency,
     observations,
+    observe,
 )
+from tests.inference.test_behaviour import segment
 
 HOUR = 3600.0
 
@@ -149,6 +152,30 @@ def test_a_good_product_is_believed_and_a_bad_one_is_not():
     assert good.product_weight > 0.9 and bad.product_weight < 0.05
     miss = [np.hypot(*(e.mean - tide(time))).mean() for e in (good, alone, bad)]
     assert miss[0] < 0.01 < miss[1] and miss[2] < 1.5 * miss[1] + 0.01
+
+
+def test_without_any_current_the_ground_is_what_goes_on():
+    """Fixes alone: the way over the ground persists as way through the water, the current adds what may change."""
+    nothing = dict(
+        water_east=np.nan, water_north=np.nan, current_east=np.nan, current_north=np.nan,
+        glider_current_east=np.nan, glider_current_north=np.nan, dead_reckoning="none", path_length=np.nan,
+    )  # fmt: skip
+    segments = [segment(2.5 * HOUR * k, water=(1000.0, 500.0), **nothing) for k in range(5)]
+    seen = observe(segments)
+    assert seen.size == 5 and not seen.east.any() and np.all(seen.sd == currents._UNKNOWN_SD)
+    estimate = estimate_currents(seen, 40.0, np.array([13.0 * HOUR]))
+    assert abs(estimate.mean).max() < 0.01 and 0.02 < estimate.sd[0] < 0.15
+    known = learn(segments, [], (np.empty(0),) * 3)
+    assert np.exp(known.speed.centre) == pytest.approx(np.hypot(1000.0, 500.0) / (2 * HOUR), rel=1e-6)
+    assert known.held_heading == pytest.approx(np.arctan2(1000.0, 500.0))
+
+
+def test_own_averages_are_preferred_to_the_gliders():
+    one = segment(0.0, current=(0.1, 0.0), glider_current_east=0.3, drift_east=0.2, drift_north=0.0)
+    seen = observe([one])
+    assert seen.east.tolist() == [0.1, 0.2] and seen.surface.tolist() == [False, True]
+    other = segment(0.0, current_east=np.nan, glider_current_east=0.3, gap=True)
+    assert observe([other]).east[0] == 0.3 and observe([other]).sd[0] == pytest.approx(2.0 * seen.sd[0])
 
 
 def test_observations_must_be_measured():
