@@ -180,17 +180,16 @@ def log_score(diagnosis: Mapping, when: str) -> float | None:
 
 
 def gain(diagnosis: Mapping, oracle: Mapping | None) -> float | None:
-    """Share of the oracle's held-out improvement that the diagnosis reached; None where there is nothing to gain."""
+    """Share of the oracle's held-out improvement that the diagnosis reached; None where there is nothing to gain.
+
+    Each is compared with its own base, since noise is estimated anew in each.
+    """
     if oracle is None:
         return None
-    before, after, best = (
-        log_score(oracle, "before"),
-        log_score(diagnosis, "after"),
-        log_score(oracle, "after"),
-    )
-    if before is None or after is None or best is None or not best - before > 2.0:
+    scores = [log_score(one, when) for one in (diagnosis, oracle) for when in ("before", "after")]
+    if any(s is None for s in scores) or not scores[3] - scores[2] > 2.0:
         return None
-    return (after - before) / (best - before)
+    return (scores[1] - scores[0]) / (scores[3] - scores[2])
 
 
 def summary(results: Sequence[Mapping]) -> dict[str, Any]:

@@ -206,7 +206,8 @@ def options_of(diagnose: Callable, ablation: str | None, truth: Mapping) -> dict
         raise ConfigError(f"prove: unknown ablation '{ablation}'.{did_you_mean(ablation, ABLATIONS)}")
     options = dict(ABLATIONS[ablation])
     if "exclude" in options:
-        options["exclude"] = tuple(sorted(cases_.grouped(truth["effects"])))
+        known = set(cases_.grouped(truth["effects"])) - set(OUTSIDE)
+        options["exclude"] = tuple(sorted(known))
     missing = [name for name in options if not accepts(diagnose, name)]
     if missing:
         raise ConfigError(
@@ -238,13 +239,15 @@ def run_case(out: Path, truth: Mapping, settings: Mapping[str, Any]) -> dict:
             cases_.write_case(
                 folder, Spec(spec["name"], spec["kind"], effects, spec["region"], spec["seed"]), truth
             )
+    plain = {"report": False} if accepts(diagnose, "report") else {}  # figures take time and are not scored
+    options = plain | options_of(diagnose, settings["ablation"], truth)
     began = time.perf_counter()
-    found = diagnose(folder, out / "diagnosed" / name, **options_of(diagnose, settings["ablation"], truth))
+    found = diagnose(folder, out / "diagnosed" / name, **options)
     seconds = time.perf_counter() - began
     best = None
     ids = tuple(sorted(cases_.grouped(truth["effects"])))
     if settings["oracle"] and ids and truth["kind"] in ("single", "pair") and accepts(diagnose, "only"):
-        best = diagnose(folder, out / "diagnosed" / f"{name}_oracle", only=ids)
+        best = diagnose(folder, out / "diagnosed" / f"{name}_oracle", only=ids, **plain)
     result = judge(truth, found, seconds, best)
     if truth["kind"] == "real":
         result["natural"] = _natural(out, truth, settings, diagnose)
@@ -260,7 +263,8 @@ def _natural(out: Path, truth: Mapping, settings: Mapping[str, Any], diagnose: C
     if not kept.exists():
         folder = out / "cases" / f"natural_{truth['name']}"
         spikes.write_spiked(folder, settings["real"], truth, plain=True)
-        found = diagnose(folder, out / "diagnosed" / f"natural_{truth['region']}")
+        plain = {"report": False} if accepts(diagnose, "report") else {}
+        found = diagnose(folder, out / "diagnosed" / f"natural_{truth['region']}", **plain)
         _write(kept, {"named": named(found)})
         shutil.rmtree(folder)
     return json.loads(kept.read_text(encoding="utf-8"))["named"]
