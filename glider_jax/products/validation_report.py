@@ -103,7 +103,8 @@ def validation_numbers(
     def entry(row: Row) -> dict[str, Any]:
         return asdict(row.paper) | {
             "speeds": row.speed_kind, "ours_days": list(row.days), "ours_kilojoules": list(row.kilojoules),
-            "ours_days_by_start": list(row.by_start), "days_difference": row.days_difference, "energy_difference": row.energy_difference,
+            "ours_days_by_start": list(row.by_start),
+            "days_difference": row.days_difference, "energy_difference": row.energy_difference,
             "inflections": row.inflections, "components_kilojoules": row.parts, "members": row.members,
             "arrived": row.arrived, "seconds": row.seconds, "first_seconds": row.first_seconds,
             "through_water_km": row.through_water_km,

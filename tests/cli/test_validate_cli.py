@@ -16,10 +16,12 @@ APP.command()(validate)
 
 
 @pytest.fixture(autouse=True)
-def _cache(tmp_path_factory, monkeypatch):
-    monkeypatch.setenv("GLIDER_JAX_CACHE", str(tmp_path_factory.getbasetemp() / "cache"))
+def _no_cache(monkeypatch):
+    # The cache chooses the number of devices, which a session of tests has long fixed.
+    monkeypatch.setattr("glider_jax_cli.session.compiled_cache", lambda: None)
 
 
+@pytest.mark.slow
 def test_it_writes_page_numbers_and_figures(tmp_path):
     result = CliRunner().invoke(APP, ["--n", "5", "--out", str(tmp_path), "--json"], catch_exceptions=False)
     assert result.exit_code == 0
