@@ -59,6 +59,27 @@ class FeltCurrent(AbstractTerm):
         )
 
 
+class FirstHeading(AbstractTerm):
+    """What one member's direction is off by in its first dive, on top of what it is off by in all of them."""
+
+    offset: Any
+    until: Any
+    info: ClassVar[TermInfo] = TermInfo(
+        id="navigation.first_heading",
+        title="Direction of the first dive",
+        channels=(Channel.HEADING,),
+        equation=r"\Delta\psi=\psi_1\,[t<T_1]",
+        reads=("time",),
+        valid="one situation",
+        reference="glider_jax.inference.behaviour",
+        plain="The next dive may point elsewhere; after it the glider knows where it is and aims anew.",
+    )
+
+    def __call__(self, sample: Sample) -> Any:
+        """Heading, rad clockwise."""
+        return jnp.where(sample.time < self.until, self.offset, jnp.zeros_like(self.offset))
+
+
 class Start(NamedTuple):
     """Where and how each member begins; metres of the frame, m/s, s; ``duration`` NaN leaves the rules to decide."""
 
@@ -107,14 +128,16 @@ def _compiled(members, plan, shape, env, start, aimed, waited):
     return fly(members, plan, shape, env, None, state)
 
 
-def _with_currents(model: FlightModel, scenario, dtype) -> FlightModel:
-    """Each member's model with its own current; ``model`` has a leading dimension of members."""
+def _with_terms(model: FlightModel, scenario, dtype) -> FlightModel:
+    """Each member's model with its own current and first direction; ``model`` has a leading dimension of members."""
     n = scenario.duration.size
     step = np.full(n, scenario.times[1] - scenario.times[0], dtype)
     rows = [scenario.currents[:, 0], scenario.currents[:, 1], scenario.shear[:, 0], scenario.shear[:, 1]]
-    term = FeltCurrent(*(np.ascontiguousarray(row, dtype) for row in rows), step)
-    gates = np.concatenate([np.asarray(model.gates), np.ones((n, 1), dtype)], axis=1)
-    return FlightModel(model.body, (*model.terms, term), gates)
+    water = FeltCurrent(*(np.ascontiguousarray(row, dtype) for row in rows), step)
+    first = np.where(np.isfinite(scenario.duration), scenario.duration, scenario.usual) - 5.0
+    turned = FirstHeading((scenario.heading - scenario.later).astype(dtype), first.astype(dtype))
+    gates = np.concatenate([np.asarray(model.gates), np.ones((n, 2), dtype)], axis=1)
+    return FlightModel(model.body, (*model.terms, water, turned), gates)
 
 
 def fly_scenario(scenario) -> Track:
@@ -124,9 +147,9 @@ def fly_scenario(scenario) -> Track:
     dtype = np.dtype(run.plan.interval.dtype)
     members, available = draw(run, 0, n)
     members = members._replace(
-        model=_with_currents(members.model, scenario, dtype),
-        heading=scenario.heading.astype(dtype),
-        turn=(np.cos(scenario.heading).astype(dtype), np.sin(scenario.heading).astype(dtype)),
+        model=_with_terms(members.model, scenario, dtype),
+        heading=scenario.later.astype(dtype),
+        turn=(np.cos(scenario.later).astype(dtype), np.sin(scenario.later).astype(dtype)),
     )
     numbers = (scenario.east, scenario.north, scenario.speed, scenario.duration)
     start = Start(*(np.asarray(v, dtype) for v in numbers), scenario.by_waypoint)

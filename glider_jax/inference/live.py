@@ -38,7 +38,8 @@ class Scenario:
 
     ``duration`` s under water in the first dive, NaN where the mission's own rules decide; ``by_waypoint`` whether
     that is the time to the waypoint. ``currents``, ``shear`` (n, 2, nodes) m/s at ``times``; ``east``, ``north`` m of
-    the dive from the frame's origin; ``heading`` rad clockwise; ``lag`` s to the first fix.
+    the dive from the frame's origin; ``heading`` rad clockwise by which the first dive points off, ``later`` all that
+    follow; ``usual`` s of a dive where rules decide; ``lag`` s to the first fix.
     """
 
     run: Any
@@ -49,6 +50,8 @@ class Scenario:
     by_waypoint: Array
     speed: Array
     heading: Array
+    later: Array
+    usual: float
     aimed: complex
     currents: Array
     shear: Array
@@ -124,6 +127,8 @@ def assemble(
         told["aimed" if flown.current_correction else "waypoint"] if len(told) > 1 else known.held_heading
     )
     heading = _angle(known.headings(n, rng, told, mission.current_correction if mission else None) - engine)
+    # A direction that is only held goes on being wrong; with a goal every surfacing sets it right.
+    later = heading if len(told) == 1 else _steady(known) * rng.standard_normal(n)
     by_waypoint = np.zeros(n, bool)
     ruled = mission is not None and ruled
     if ruled:
@@ -139,9 +144,16 @@ def assemble(
     duration = duration + (wait - situation.departure)
     return Scenario(
         run=run, situation=situation, estimate=estimate, times=times, duration=np.maximum(duration, 90.0),
-        by_waypoint=by_waypoint, speed=speed, heading=heading, aimed=current if flown.current_correction else 0.0j,
+        by_waypoint=by_waypoint, speed=speed, heading=heading, later=later,
+        usual=math.exp(known.duration.centre), aimed=current if flown.current_correction else 0.0j,
         currents=currents, shear=shear, east=shift[:, 0], north=shift[:, 1], lag=known.lag, ruled=ruled,
     )  # fmt: skip
+
+
+def _steady(known: Behaviour) -> float:
+    """Spread of the direction in rad while the glider steers as it is believed to."""
+    best = max((one for one in known.steering if one.name != "held"), key=lambda one: one.belief)
+    return best.law.sd
 
 
 def _angle(value):

@@ -86,6 +86,22 @@ def test_the_current_moves_the_members(simulated):
     assert np.abs((b.surfacing_longitude - a.surfacing_longitude)[up, 0]).max() < 2e-4
 
 
+def test_a_first_dive_astray_is_set_right_at_the_surface(simulated):
+    """Every member starts off the wrong way; after its first surfacing it makes for the waypoint again."""
+    situation = situation_of(simulated[1])
+    goal = (situation.latitude + 0.2, situation.longitude)
+    known = replace(situation, waypoint=goal)
+    scenario = assemble(known, read_vehicle(None), n=N, seed=4, horizon=6 * 3600.0, interval=900.0)
+    still = replace(
+        scenario, currents=np.zeros_like(scenario.currents), shear=np.zeros_like(scenario.shear),
+        heading=np.full(N, math.pi), later=np.zeros(N), duration=np.full(N, 3600.0),
+    )  # fmt: skip
+    track = fly(still).track
+    north = track.latitude - situation.latitude
+    hour, end = np.searchsorted(track.time - track.time[0], [3000.0, 5.9 * 3600.0])
+    assert (north[:, hour] < 0).all() and (north[:, end] > north[:, hour] + 0.02).all()
+
+
 def test_later_data_change_nothing(simulated):
     recording = simulated[1]
     moment = dive_segments(recording)[-1].start_time
