@@ -12,11 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from glider_jax.diagnosis.candidates import Candidate, Looks, Variant
-from glider_jax.inference.fit import TIDES, Linear, Problem, heaving, linearise, stack
+from glider_jax.inference.fit import TIDES, Linear, Problem, heaving, linearise, rows_of, stack
+from glider_jax.inference.noise import fit_noise
 
 #: nats: evidence beyond prior odds that accepts, below which an accepted one is dropped, that a swap must gain, and
 #: within which alternatives are reported.
 ACCEPT, DROP, SWAP, ALIKE = 4.3, 3.3, 1.0, 3.0
+#: nats beyond which the noise law need not be asked again.
+CLEAR = 25.0
 MOST_EFFECTS, MOST_MOVES = 6, 14
 
 
@@ -32,7 +35,8 @@ class Pick:
 class Search:
     """State of a search: the problem, its linearisation and what was accepted so far."""
 
-    def __init__(self, problem: Problem, progress=lambda text: None):
+    def __init__(self, problem: Problem, progress=lambda text: None, independent: bool = False):
+        self.independent = independent
         self.problem = problem
         self.looks = Looks(problem)
         self.progress = progress
@@ -54,6 +58,10 @@ class Search:
             self.relinearise()
         self.refine()
 
+    def allowed(self, candidate: Candidate) -> bool:
+        """Whether the search may name a candidate."""
+        return True
+
     def refine(self) -> None:
         """One more Gauss-Newton step at the accepted set."""
         if self.picks:
@@ -67,8 +75,15 @@ class Search:
         beside = stack(
             self.problem, {"vertical speed": heaving(self.problem.gathered, periods, 0.01)}, 2 * len(periods)
         ) if self.problem.gathered.stream("vertical speed") is not None else None  # fmt: skip
-        self.linear = linearise(self.problem, self.looks, harden=harden, learn_noise=learn_noise, integrate=beside)
-        self.candidates = self.looks.candidates(self.linear.labels)
+        self.linear = linearise(
+            self.problem,
+            self.looks,
+            harden=harden,
+            learn_noise=learn_noise,
+            integrate=beside,
+            independent=self.independent,
+        )
+        self.candidates = [c for c in self.looks.candidates(self.linear.labels) if self.allowed(c)]
         kinds = [
             self.problem.replay.unknowns[c.unknown].kind if c.unknown >= 0 else "fixed" for c in self.linear.labels
         ]
@@ -100,6 +115,11 @@ class Search:
             )  # fmt: skip
             fresh.append(Pick(candidate, Variant(columns, 0.0, pick.variant.shapes), pick.evidence))
         self.picks = fresh
+
+    @property
+    def plain(self) -> list[int]:
+        """Columns of calibrations and nuisances, without what a glide model may be wrong by."""
+        return [i for i in self.fixed if self.linear.labels[i].term != "inadequacy"]
 
     @property
     def active(self) -> list[int]:
@@ -160,13 +180,40 @@ class Search:
         active = self.active
         base = self.linear.score(active)
         gains = [(self._gain(c, active, base), c) for c in self.candidates if c.id not in taken]
-        (gain, variant), candidate = max(gains, key=lambda pair: pair[0][0])
-        dropped = any(line.startswith(f"dropped {candidate.id} ") for line in self.path)
-        if gain <= ACCEPT or dropped:
+        for (gain, variant), candidate in sorted(gains, key=lambda pair: -pair[0][0])[:3]:
+            dropped = any(line.startswith(f"dropped {candidate.id} ") for line in self.path)
+            if gain > ACCEPT and not dropped and (gain > CLEAR or self._stands(candidate, variant)):
+                break
+        else:
             return False
         self.path.append(f"accepted {candidate.id} ({gain:.1f} nats)")
         self.picks.append(Pick(candidate, variant, gain))
         return True
+
+    def _stands(self, candidate: Candidate, variant: Variant) -> bool:
+        """Whether a weak candidate is also better than the noise law that its absence asks for.
+
+        The noise was sized with the whole library integrated out; without the candidate it may be larger, and explain
+        the same.
+        """
+        if self.independent:
+            return True
+        total = candidate.log_odds + variant.log_weight
+        columns = list(variant.columns)
+        for noise, rows in zip(self.problem.noises, rows_of(self.problem), strict=True):
+            mine = self.linear.raw_columns[rows]
+            if np.abs(self.linear.columns[rows][:, columns]).max() < 1e-6:
+                continue
+            kept = noise.sizes.copy()
+            reached = []
+            for active in (self.active, self.active + columns):
+                noise.sizes = kept.copy()
+                reached.append(fit_noise(noise, self.linear.raw[rows], mine[:, active], rounds=80))
+            noise.sizes = kept
+            total += reached[1] - reached[0]
+        if total <= ACCEPT:
+            self.path.append(f"refused {candidate.id}: larger noise explains as much ({total:.1f} nats)")
+        return total > ACCEPT
 
     def _swap(self, k: int, id: str, gain: float) -> bool:
         line = f"swapped {self.picks[k].candidate.id} for {id}"

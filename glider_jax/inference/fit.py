@@ -40,7 +40,8 @@ class Linear:
     """The problem linearised at values of the unknowns, whitened; rows in the order of the noise laws' streams.
 
     ``residual`` (n,) is what the unknowns at their centres leave; ``columns`` (n, k); ``gram`` and ``pull`` their
-    products. ``block`` (n,) the dive of each row, ``stream`` (n,) its stream's index, ``raw`` the unwhitened residual.
+    products. ``block`` (n,) the dive of each row, ``stream`` (n,) its stream's index, ``raw`` and
+    ``raw_columns`` are residual and columns before whitening.
     """
 
     residual: Array
@@ -116,18 +117,23 @@ def make_problem(gathered: Gathered, replay: Replay) -> Problem:
 
 
 def inadequacy(gathered: Gathered) -> dict[str, Array]:
-    """Columns of what a glide model may be wrong by: hats in depth on dives and on climbs, per stream."""
+    """Columns of what a glide model may be wrong by: hats in depth and temperature, and what
+    goes with the rate of warming, on dives and on climbs each."""
     stream = gathered.stream("vertical speed")
     if stream is None or stream.n < 50:
         return {}
-    depth, direction = stream.covariates["depth"], stream.covariates["direction"]
-    nodes = np.quantile(depth, np.linspace(0.02, 0.98, NODES))
-    nodes = np.maximum.accumulate(nodes + 1e-3 * np.arange(NODES))
+    direction = stream.covariates["direction"]
+    warming = stream.covariates["warming"]
+    rapid = warming / max(float(np.std(warming)), 1e-9)
     columns = []
     for way in (-1.0, 1.0):
-        for k in range(NODES):
-            hat = np.interp(depth, nodes, np.eye(NODES)[k])
-            columns.append(INADEQUACY * hat * (direction == way))
+        for name in ("depth", "temperature"):
+            x = stream.covariates[name]
+            nodes = np.quantile(x, np.linspace(0.02, 0.98, NODES))
+            nodes = np.maximum.accumulate(nodes + 1e-3 * np.arange(NODES))
+            for k in range(NODES):
+                columns.append(INADEQUACY * np.interp(x, nodes, np.eye(NODES)[k]) * (direction == way))
+        columns.append(INADEQUACY * np.clip(rapid, -4.0, 4.0) * (direction == way))
     return {stream.name: np.stack(columns, axis=1)}
 
 
@@ -209,7 +215,7 @@ def linearise(
         clean[rows], white[rows] = out[:, 0], out[:, 1:]
     block = np.concatenate([streams[n].block for n in problem.names])
     which = np.concatenate([np.full(streams[n].n, i) for i, n in enumerate(problem.names)])
-    return Linear(clean, white, tuple(labels), block, which, raw, everything)
+    return Linear(clean, white, tuple(labels), block, which, residual, everything)
 
 
 def _independent(noise: Noise) -> None:

@@ -402,7 +402,7 @@ def _power(replay: Replay, values: Any, shapes: dict[str, Any]) -> dict[str, Any
     if inputs.ratios.size:
         sample = _sample({"depth": inputs.ratios})
         found["charge counter"] = _total(model, Channel.CHARGE_GAIN, sample)
-    return found
+    return {name: value for name, value in found.items() if value.size}
 
 
 @eqx.filter_jit

@@ -14,11 +14,12 @@ import numpy as np
 
 from glider_jax.config import Mission, Vehicle
 from glider_jax.environment import seawater
+from glider_jax.inference import instruments
 from glider_jax.inference import windows as win
 from glider_jax.inference.controls import Rows, rows_of
 from glider_jax.inference.products import along_track, depth_along_track
 from glider_jax.readers.dead_reckoning import finite, magnetic_variation
-from glider_jax.readers.dives import DESCENT, Leg, legs, surfacings
+from glider_jax.readers.dives import Leg, legs, surfacings
 from glider_jax.readers.segments import Segment, dive_segments
 from glider_jax.records import Array, BathymetryGrid, CurrentGrid, Recording
 
@@ -138,7 +139,7 @@ def gather(
     turn = magnetic_variation(recording)
     rows = rows_of(recording, ways, turn, latitude)
     segments = dive_segments(recording, variation=turn.value) if "gps_latitude" in recording else []
-    builder = _Builder(recording, vehicle, mission, currents, bathymetry, rows, ways, segments, middle)
+    builder = Builder(recording, vehicle, mission, currents, bathymetry, rows, ways, segments, middle)
     return builder.build(turn)
 
 
@@ -150,8 +151,8 @@ def _middle(recording: Recording) -> tuple[float, float]:
     return 45.0, 0.0
 
 
-class _Builder:
-    """Collects streams one by one; each method says in ``missing`` what it could not make."""
+class Builder:
+    """Collects streams one by one; whoever adds says in ``missing`` what could not be made."""
 
     def __init__(self, recording, vehicle, mission, currents, bathymetry, rows, ways, segments, middle):
         self.recording, self.vehicle, self.mission = recording, vehicle, mission
@@ -180,12 +181,12 @@ class _Builder:
         course, course_share = self._courses(turn)
         drift, drift_share = self._drifts()
         product = self.currents is not None
-        events, out, seconds = self._strokes()
-        loads, surface = self._loads()
-        pulses = self._pulses()
-        turns = self._turns()
-        floors = self._floors(flown)
-        depths, stays, ratios, speeds = self._others()
+        events, out, seconds = instruments.strokes(self)
+        loads, surface = instruments.loads(self)
+        pulses = instruments.pulses(self)
+        turns = instruments.turns(self)
+        floors = instruments.floors(self, flown)
+        depths, stays, ratios, speeds = instruments.others(self)
         if self.currents is None:
             self.missing.append(
                 "no current product was given: flow is unknown rather than wrong, and every drift counts as left out"
@@ -217,7 +218,7 @@ class _Builder:
             tuple(self.missing), tuple(self.notes), product, self.latitude,
         )  # fmt: skip
 
-    def _add(self, name, unit, shown, factor, value, moment, group, block, weight, span, **covariates):
+    def add(self, name, unit, shown, factor, value, moment, group, block, weight, span, **covariates):
         order = [np.asarray(a, float) for a in (value, moment, weight, span)]
         self.streams.append(
             Stream(
@@ -329,7 +330,7 @@ class _Builder:
         leg = np.array(leg)
         n = np.array(last) - np.array(first) + 1
         heat = np.gradient(rows.temperature, rows.time)
-        self._add(
+        self.add(
             "vertical speed", "m s-1", "cm/s", 100.0, value, time, leg, self.leg_block[leg],
             (n / 5.0) ** 3, span,
             depth=rows.depth[mid], temperature=rows.temperature[mid], density=rows.density[mid],
@@ -369,19 +370,19 @@ class _Builder:
         one = [self.segments[k] for k in kept]
         span = np.array([s.end_time - s.start_time for s in one])
         middle = np.array([0.5 * (s.start_time + s.end_time) for s in one])
-        block = np.array([self._block(s.dive_time) for s in one])
+        block = np.array([self.block(s.dive_time) for s in one])
         shared = dict(
             heading=[s.heading for s in one], depth=[s.maximum_depth for s in one], time=middle - self.origin,
             tide=((middle - self.origin) / 44714.0) % 1.0,
         )  # fmt: skip
         for name, metres_moved in (("east", [s.east for s in one]), ("north", [s.north for s in one])):
-            self._add(
+            self.add(
                 f"displacement {name}", "m s-1", "cm/s", 100.0, np.array(metres_moved) / span, middle, block, block,
                 np.ones(len(one)), span, **shared,
             )  # fmt: skip
         return index, share
 
-    def _block(self, moment: float) -> int:
+    def block(self, moment: float) -> int:
         return int(np.clip(np.searchsorted(self.spans[:, 0], moment + 60.0) - 1, 0, len(self.spans) - 1))
 
     def _drifts(self):
@@ -402,240 +403,11 @@ class _Builder:
             self.missing.append("fewer than four fixes at any surfacing: the drift at the surface was not measured")
             return index, share
         table = np.array(found)
-        block = [self._block(t) for t in table[:, 0]]
+        block = [self.block(t) for t in table[:, 0]]
         for column, name in ((2, "east"), (3, "north")):
-            self._add(
+            self.add(
                 f"surface drift {name}", "m s-1", "cm/s", 100.0, table[:, column], table[:, 0], block, block,
                 np.minimum(table[:, 4] / 600.0, 3.0) ** 2, table[:, 4],
                 time=table[:, 0] - self.origin, tide=((table[:, 0] - self.origin) / 44714.0) % 1.0,
             )  # fmt: skip
         return index, share
-
-    def _strokes(self):
-        if self.power is None:
-            self.missing.append("no battery current: energy cannot be looked at")
-            return {}, np.empty(0), np.empty(0)
-        listed = win.strokes(self.power, self.rows, self.ways, self.recording)
-        if len(listed) < 6:
-            self.missing.append("no pump strokes could be isolated: their energy cannot be looked at")
-            return {}, np.empty(0), np.empty(0)
-        listed = sorted(listed, key=lambda s: (not s.out, s.window.time))
-        number = np.array([s.leg for s in listed])
-        middle = np.array([s.window.time for s in listed])
-        depth = np.array([s.depth for s in listed])
-        battery = np.interp(middle, self.rows.time, self.rows.battery_temperature)
-        fields = {
-            "time": middle - self.origin, "elapsed": middle - self.origin, "depth": depth, "inflection_depth": depth,
-            "stroke_volume": np.array([s.volume for s in listed]), "temperature": np.array([s.temperature for s in listed]),
-            "battery_temperature": battery, "inflections": number.astype(float), "direction": np.zeros(len(listed)),
-            "voltage": np.array([s.window.voltage for s in listed]),
-            "fin_rate": np.interp(middle, self.rows.time, self.rows.fin_rate),
-        }  # fmt: skip
-        out = np.array([s.out for s in listed])
-        seconds = np.array([s.window.seconds for s in listed])
-        for way, name in ((True, "pump out energy"), (False, "pump in energy")):
-            mine = out == way
-            if mine.any():
-                self._add(
-                    name, "J", "J", 1.0, np.array([s.window.energy for s in listed])[mine], middle[mine],
-                    number[mine], self.leg_block[number[mine]], np.ones(mine.sum()), seconds[mine],
-                    depth=depth[mine], temperature=fields["temperature"][mine], time=fields["time"][mine],
-                )  # fmt: skip
-        return fields, out, seconds
-
-    def _loads(self):
-        if self.power is None:
-            return {}, np.empty(0)
-        quiet = win.quiet_loads(self.power, self.rows, self.spans)
-        quiet.sort(key=lambda load: load.direction)
-        up = win.surface_loads(self.power, self.stays)
-        listed = [load.window for load in quiet] + [window for _, window, _ in up]
-        if not listed:
-            return {}, np.empty(0)
-        middle = np.array([w.time for w in listed])
-        stay = np.array([0.0] * len(quiet) + [s for _, _, s in up])
-        near = [np.interp(middle, self.rows.time, x) for x in (self.rows.battery_temperature, self.rows.fin_rate)]
-        fields = {
-            "time": middle - self.origin, "elapsed": middle - self.origin,
-            "direction": np.array([load.direction for load in quiet] + [0.0] * len(up)),
-            "depth": np.array([load.depth for load in quiet] + [0.0] * len(up)),
-            "voltage": np.array([w.voltage for w in listed]), "surface_duration": stay,
-            "battery_temperature": near[0], "temperature": near[0], "fin_rate": near[1],
-        }  # fmt: skip
-        surface = np.array([False] * len(quiet) + [True] * len(up))
-        mean = np.array([w.energy / w.seconds for w in listed])
-        block = np.array([load.segment for load in quiet] + [self._block(w.time) for _, w, _ in up])
-        groups = [("hotel power, dives", ~surface & (fields["direction"] < 0)),
-                  ("hotel power, climbs", ~surface & (fields["direction"] > 0)), ("surface power", surface)]  # fmt: skip
-        for name, mine in groups:
-            if mine.any():
-                rows_in = np.array([w.rows for w in listed])[mine]
-                self._add(
-                    name, "W", "W", 1.0, mean[mine], middle[mine], block[mine], block[mine],
-                    rows_in / np.median(rows_in), np.array([w.seconds for w in listed])[mine],
-                    time=fields["time"][mine], depth=fields["depth"][mine],
-                )  # fmt: skip
-        return fields, surface
-
-    def _pulses(self):
-        """Mean battery voltage per segment while quiet, pumping and surfaced."""
-        if self.power is None or "battery_voltage" not in self.recording:
-            if "battery_voltage" not in self.recording:
-                self.missing.append("no battery voltage: sag and open-circuit voltage cannot be looked at")
-            return {}
-        power = self.power
-        place = np.clip(np.searchsorted(self.rows.time, power.time), 0, self.rows.time.size - 1)
-        surface = self.rows.direction[place] == 0.0
-        heavy = power.busy & (power.current > np.percentile(power.current, 80))
-        spent = np.concatenate([[0.0], np.cumsum(np.nan_to_num(power.energy[1:]))])
-        _, charge = finite(self.recording, "charge_used")
-        before = float(charge[0]) * float(np.median(power.voltage[:50])) if charge.size else 0.0
-        usable = self.vehicle.battery.energy.value * 1.0
-        found = []
-        for number, (begin, end) in enumerate(self.spans):
-            inside = (power.time > begin) & (power.time < end + 1500.0)
-            if number + 1 < len(self.spans):
-                inside &= power.time < self.spans[number + 1, 0]
-            for kind, mine in enumerate((inside & ~power.busy & ~surface, inside & heavy, inside & surface & ~heavy)):
-                rows = np.flatnonzero(mine)
-                if rows.size >= 6:
-                    found.append((
-                        power.time[rows].mean(), number, kind, power.voltage[rows].mean(), power.current[rows].mean(),
-                        spent[rows].mean() + before, rows.size,
-                    ))  # fmt: skip
-        if len(found) < 4:
-            return {}
-        table = np.array(found)
-        fields = {
-            "time": table[:, 0] - self.origin, "elapsed": table[:, 0] - self.origin, "current": table[:, 4],
-            "state_of_charge": np.clip(1.0 - table[:, 5] / usable, 0.0, 1.0),
-            "battery_temperature": np.interp(table[:, 0], self.rows.time, self.rows.battery_temperature),
-        }  # fmt: skip
-        self._add(
-            "battery voltage", "V", "V", 1.0, table[:, 3], table[:, 0], table[:, 1], table[:, 1],
-            np.minimum(table[:, 6] / 100.0, 3.0), np.full(len(found), 600.0), time=fields["time"],
-            current=table[:, 4],
-        )  # fmt: skip
-        return fields
-
-    def _turns(self):
-        """Depth of lower turns against what was commanded: the yo's depth, or the altitude above the seafloor."""
-        if self.mission is None:
-            return {}
-        yo = self.mission.yo
-        moments, bottom = finite(self.recording, "water_depth")
-        found = []
-        for one, two in zip(self.ways[:-1], self.ways[1:], strict=True):
-            if one.phase != DESCENT or one.end_time != two.start_time:
-                continue
-            limit, height = yo.dive_to, 100.0
-            if yo.dive_altitude and moments.size:
-                near = np.abs(moments - one.end_time) < 240.0
-                near &= moments <= one.end_time + 1.0
-                if near.any():
-                    floor = float(np.median(bottom[near][-5:]))
-                    if floor - yo.dive_altitude < limit:
-                        limit, height = floor - yo.dive_altitude, yo.dive_altitude
-                elif yo.dive_to - one.end_depth > 3.0:
-                    continue
-            rate = (one.end_depth - one.start_depth) / max(one.end_time - one.start_time, 1.0)
-            found.append((one.end_time, one.end_depth, limit, height, rate))
-        if len(found) < 6:
-            return {}
-        table = np.array(found)
-        excess = table[:, 1] - table[:, 2]
-        sane = np.abs(excess - np.median(excess)) < 25.0
-        table = table[sane]
-        fields = {
-            "time": table[:, 0] - self.origin, "direction": -np.ones(len(table)), "height_above_bottom": table[:, 3],
-            "depth_rate": table[:, 4],
-        }  # fmt: skip
-        block = [self._block(t) for t in table[:, 0]]
-        self._add(
-            "turn depth", "m", "m", 1.0, table[:, 1] - table[:, 2], table[:, 0], block, block, np.ones(len(table)),
-            np.full(len(table), 60.0), time=fields["time"], depth=table[:, 1], rate=table[:, 4],
-        )  # fmt: skip
-        return fields
-
-    def _floors(self, flown):
-        """Water depth that the altimeter met, against the chart."""
-        moments, bottom = finite(self.recording, "water_depth")
-        if moments.size < 20 or self.bathymetry is None:
-            if self.bathymetry is None:
-                self.missing.append("no bathymetry was given: the chart cannot be compared with the altimeter")
-            return {}
-        place = [np.interp(moments, self.rows.time, x) for x in flown]
-        chart = depth_along_track(self.bathymetry, *place)
-        edges = np.arange(moments[0], moments[-1] + 1800.0, 1800.0)
-        found = []
-        for low, high in zip(edges[:-1], edges[1:], strict=True):
-            mine = (moments >= low) & (moments < high) & np.isfinite(chart)
-            if mine.sum() >= 3:
-                found.append(
-                    (moments[mine].mean(), np.median(bottom[mine] - chart[mine]), mine.sum(), chart[mine].mean())
-                )
-        if len(found) < 4:
-            return {}
-        table = np.array(found)
-        block = [self._block(t) for t in table[:, 0]]
-        self._add(
-            "water depth", "m", "m", 1.0, table[:, 1], table[:, 0], block, block, np.minimum(table[:, 2] / 5.0, 3.0),
-            np.full(len(table), 1800.0), time=table[:, 0] - self.origin, depth=table[:, 3],
-        )  # fmt: skip
-        return {"time": table[:, 0] - self.origin, "depth": table[:, 3], "bottom_depth": table[:, 3]}
-
-    def _others(self):
-        """Zero of the gauge at the surface, lengths of stays, the charge counter, a measured speed."""
-        depths = win.surface_depths(self.recording, self.stays)
-        if len(depths) >= 2:
-            block = [self._block(t) for _, t, _ in depths]
-            self._add(
-                "depth at the surface", "m", "m", 1.0, [d for _, _, d in depths], [t for _, t, _ in depths], block,
-                block, np.ones(len(depths)), np.full(len(depths), 600.0), time=[t - self.origin for _, t, _ in depths],
-            )  # fmt: skip
-        known = [(s.start, s.end - s.start) for s in self.stays if np.isfinite(s.start) and np.isfinite(s.end)]
-        if self.mission is None or len(known) < 3:
-            known = []
-        if known:
-            block = [self._block(t) for t, _ in known]
-            self._add(
-                "surface stay", "s", "min", 1.0 / 60.0, [d - self.mission.surface_stay for _, d in known],
-                [t for t, _ in known], block, block, np.ones(len(known)), np.full(len(known), 600.0),
-                time=[t - self.origin for t, _ in known],
-            )  # fmt: skip
-        ratios = win.charge_ratios(self.recording, self.spans)
-        if len(ratios) >= 2:
-            self._add(
-                "charge counter", "1", "%", 100.0, [r for _, _, r, _ in ratios], [t for _, t, _, _ in ratios],
-                [k for k, *_ in ratios], [k for k, *_ in ratios], [c / np.median([q for *_, q in ratios]) for *_, c in ratios],
-                np.full(len(ratios), 3600.0), time=[t - self.origin for _, t, _, _ in ratios],
-            )  # fmt: skip
-        speeds = self._measured_speed()
-        return (
-            np.zeros(len(depths) if len(depths) >= 2 else 0),
-            np.zeros(len(known)),
-            np.zeros(len(ratios) if len(ratios) >= 2 else 0),
-            speeds,
-        )
-
-    def _measured_speed(self):
-        """Speed along the path that an instrument measured (channel ``measured_speed``), in windows of a minute."""
-        moments, speed = finite(self.recording, "measured_speed")
-        if moments.size < 30:
-            return np.empty(0, int)
-        rows = self.rows
-        good = np.flatnonzero(rows.settled)
-        known = np.interp(rows.time[good], moments, speed)
-        near = np.abs(
-            moments[np.clip(np.searchsorted(moments, rows.time[good]), 0, moments.size - 1)] - rows.time[good]
-        )
-        good, known = good[near < 15.0], known[near < 15.0]
-        take = np.arange(0, good.size, max(1, int(round(20.0 / np.median(np.diff(rows.time))))))
-        good, known = good[take], known[take]
-        leg = rows.leg[good]
-        self._add(
-            "speed through water", "m s-1", "cm/s", 100.0, known, rows.time[good], leg, self.leg_block[leg],
-            np.ones(good.size), np.full(good.size, 20.0), depth=rows.depth[good], direction=rows.direction[good],
-            time=rows.time[good] - self.origin, pitch=np.abs(rows.pitch[good]), temperature=rows.temperature[good],
-        )  # fmt: skip
-        return good

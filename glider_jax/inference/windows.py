@@ -128,7 +128,27 @@ def strokes(power: Power, rows: Rows, ways: list[Leg], recording: Recording) -> 
         depth = float(one.end_depth)
         warm = float(np.interp(two.start_time, rows.time, rows.temperature))
         found.append(Stroke(window, out, depth, moved, number, warm))
-    return found
+    return [stroke for way in (True, False) for stroke in _alike([s for s in found if s.out == way])]
+
+
+def _alike(listed: list[Stroke]) -> list[Stroke]:
+    """Strokes whose window, volume and energy are like the others': a row lost in a window is no physics."""
+    if len(listed) < 6:
+        return listed
+    seconds = np.array([s.window.seconds for s in listed])
+    volume = np.array([s.volume for s in listed])
+    energy = np.array([s.window.energy for s in listed])
+    depth = np.array([s.depth for s in listed])
+    good = np.abs(seconds / np.median(seconds) - 1.0) < 0.35
+    good &= np.abs(volume / np.median(volume) - 1.0) < 0.3
+    for _ in range(3):
+        if good.sum() < 6:
+            return listed
+        line = np.polyfit(depth[good], energy[good], 1) if np.ptp(depth[good]) > 1.0 else [0.0, np.median(energy[good])]
+        left = energy - np.polyval(line, depth)
+        scatter = 1.4826 * np.median(np.abs(left[good] - np.median(left[good])))
+        good &= np.abs(left - np.median(left[good])) < 6.0 * max(scatter, 2.0)
+    return [s for s, keep in zip(listed, good, strict=True) if keep]
 
 
 class Load(NamedTuple):

@@ -1,0 +1,345 @@
+"""What a pilot reads: a self-contained page, figures before and after, the fitted terms as a vehicle file.
+
+Imports Matplotlib when called. A newcomer would get wrong: the vehicle file keeps every number of the base model and
+adds the accepted terms only, so ``ensemble`` and ``next`` fly what was named and nothing that was not.
+"""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+import json
+import math
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from glider_jax.physics.library import TERMS_BY_ID
+from glider_jax.physics.term import declared
+
+if TYPE_CHECKING:
+    from glider_jax.diagnosis.run import Finding
+
+VERDICTS = {
+    "nothing_missing": "Nothing is missing",
+    "explained": "Explained",
+    "unexplained": "Not all of it is explained",
+}
+
+
+def write(out: Path, found: Finding, content: dict[str, Any], *, report: bool = True) -> None:
+    """Write ``diagnosis.json``, ``vehicle.toml`` and, if asked, ``report.html`` with figures."""
+    out.mkdir(parents=True, exist_ok=True)
+    _put(out / "vehicle.toml", vehicle_toml(found, content).encode())
+    if report:
+        pictures = figures(found, content)
+        for name, data in pictures.items():
+            _put(out / f"{name}.png", data)
+        _put(out / "report.html", page(found, content, pictures).encode())
+    _put(out / "diagnosis.json", (json.dumps(content, indent=1, allow_nan=False) + "\n").encode())
+
+
+def _put(path: Path, data: bytes) -> None:
+    part = path.with_name(path.name + ".part")
+    part.write_bytes(data)
+    os.replace(part, path)
+
+
+def vehicle_toml(found: Finding, content: dict[str, Any]) -> str:
+    """The base vehicle with the accepted terms, as ``read_vehicle`` reads it."""
+    lines = ["# Base model as given, and the effects that its recording asks for."]
+    vehicle = found.vehicle
+    text = _source_text(vehicle)
+    kept = [line for line in text.splitlines() if not line.strip().startswith("#")]
+    lines += kept if kept else ["[vehicle]", f'name = "{vehicle.name}"']
+    terms: dict[str, dict[str, tuple[float, float, str]]] = {}
+    for effect in content["effects"]:
+        for one in effect["parameters"]:
+            id, _, name = one["name"].rpartition(".")
+            id = id or effect["id"]
+            terms.setdefault(id, {})[name] = (one["value"], one["sd"], one["unit"])
+        for name, value in effect["shapes"].items():
+            info = declared(TERMS_BY_ID[effect["id"]])[name]
+            terms.setdefault(effect["id"], {})[name] = (value, 0.0, info.unit)
+    for id, values in terms.items():
+        if f'[terms."{id}"]' in text:
+            continue
+        lines += ["", f'[terms."{id}"]']
+        for name, (value, sd, unit) in values.items():
+            lines.append(
+                f'{name} = {{ value = {value:.8g}, sigma = {sd:.4g}, unit = "{unit}", '
+                f'source = "diagnosis of {_plain(found.recording.name)}" }}'
+            )
+    return "\n".join(lines) + "\n"
+
+
+def _source_text(vehicle: Any) -> str:
+    for path in reversed(list(vehicle.source.files)):
+        if Path(path).is_file():
+            return Path(path).read_text(encoding="utf-8")
+    return ""
+
+
+def _plain(text: str) -> str:
+    return "".join(c for c in text if c.isalnum() or c in " -_.")
+
+
+def figures(found: Finding, content: dict[str, Any]) -> dict[str, bytes]:
+    """PNG pictures: residuals before and after over time and covariate, the map of places, what is left."""
+    from matplotlib.figure import Figure
+
+    pictures: dict[str, bytes] = {}
+    names = _interesting(found, content)
+    if names:
+        figure = Figure(figsize=(9.0, 2.3 * len(names)), layout="constrained")
+        axes = figure.subplots(len(names), 2, squeeze=False, width_ratios=(3, 2))
+        for row, name in zip(axes, names, strict=True):
+            _before_after(row, found, name)
+        pictures["residuals"] = _png(figure)
+    pictures["places"] = _map(found)
+    if found.remainders:
+        figure = Figure(figsize=(9.0, 2.6 * len(found.remainders)), layout="constrained")
+        for axis, one in zip(
+            figure.subplots(len(found.remainders), 1, squeeze=False)[:, 0], found.remainders, strict=True
+        ):
+            axis.axhline(0.0, color="0.7", lw=0.8)
+            axis.fill_between(
+                one.axis, one.curve - 1.64 * one.sd, one.curve + 1.64 * one.sd, color="#d95f02", alpha=0.25
+            )
+            axis.plot(one.axis, one.curve, color="#d95f02")
+            axis.set_xlabel(f"{one.place.covariate.replace('_', ' ')} ({one.axis_unit})")
+            axis.set_ylabel(f"{one.place.stream} ({one.unit})")
+        pictures["unexplained"] = _png(figure)
+    return pictures
+
+
+def _interesting(found: Finding, content: dict[str, Any]) -> list[str]:
+    wanted: list[str] = []
+    for effect in content["effects"]:
+        ranked = sorted(
+            effect["streams"], key=lambda n: np.var(found.whitened[n][1]) / max(np.var(found.whitened[n][0]), 1e-30)
+        )
+        wanted += ranked[:2]
+    wanted += [one["place"]["stream"] for one in content["unexplained"]]
+    wanted += [n for n in ("vertical speed", "displacement east", "displacement north") if n in found.whitened]
+    return list(dict.fromkeys(wanted))[:6]
+
+
+def _before_after(row: Any, found: Finding, name: str) -> None:
+    stream = found.gathered.stream(name)
+    before, after = (stream.shown_per_unit * r for r in found.whitened[name])
+    days = stream.time / 86400.0
+    direction = stream.covariates.get("direction")
+    key = next((k for k in ("depth", "heading", "temperature", "tide") if k in stream.covariates), "time")
+    x = stream.covariates[key] if key != "time" else days
+    for values, colour, label in ((before, "#7570b3", "before"), (after, "#1b9e77", "after")):
+        for axis, at in ((row[0], days), (row[1], x)):
+            axis.plot(
+                at, values, ".", ms=2 if stream.n > 300 else 5, color=colour, alpha=0.18 if stream.n > 300 else 0.8
+            )
+        for way in (None,) if direction is None else (-1.0, 1.0):
+            mine = np.ones(stream.n, bool) if way is None else direction == way
+            style = "-" if way in (None, 1.0) else "--"
+            tag = label + ("" if way is None else " (climbs)" if way > 0 else " (dives)")
+            for axis, at in ((row[0], days), (row[1], x)):
+                centre, mean = _running(at[mine], values[mine])
+                axis.plot(centre, mean, style, color=colour, lw=1.6, label=tag if axis is row[0] else None)
+    for axis in row:
+        axis.axhline(0.0, color="0.6", lw=0.7)
+        limit = float(np.percentile(np.abs(np.concatenate([before, after])), 98.5)) * 1.3 + 1e-9
+        axis.set_ylim(-limit, limit)
+    row[0].set_ylabel(f"{name}\n({stream.shown})", fontsize=8)
+    row[0].set_xlabel("days", fontsize=8)
+    row[1].set_xlabel(key.replace("_", " "), fontsize=8)
+    row[0].legend(fontsize=6, ncols=2, loc="upper right")
+
+
+def _running(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    order = np.argsort(x)
+    parts = [p for p in np.array_split(order, min(14, max(order.size // 3, 1))) if p.size]
+    return np.array([x[p].mean() for p in parts]), np.array([y[p].mean() for p in parts])
+
+
+def _map(found: Finding) -> bytes:
+    from matplotlib.figure import Figure
+
+    streams = list(dict.fromkeys(p.stream for p in found.before))
+    keys = list(dict.fromkeys(p.covariate for p in found.before))
+    figure = Figure(figsize=(10.0, 0.8 + 0.32 * max(len(streams), 1)), layout="constrained")
+    for axis, listed, title in zip(
+        figure.subplots(1, 2), (found.before, found.after), ("before", "after"), strict=True
+    ):
+        grid = np.full((len(streams), len(keys)), np.nan)
+        for place in listed:
+            if place.stream in streams and place.covariate in keys:
+                i, j = streams.index(place.stream), keys.index(place.covariate)
+                value = -math.log10(max(place.p, 1e-6))
+                grid[i, j] = value if np.isnan(grid[i, j]) else max(grid[i, j], value)
+        axis.imshow(grid, cmap="magma_r", vmin=0.0, vmax=6.0, aspect="auto")
+        axis.set_xticks(range(len(keys)), [k.replace("_", " ") for k in keys], rotation=60, fontsize=7, ha="right")
+        axis.set_yticks(range(len(streams)), streams if title == "before" else [""] * len(streams), fontsize=7)
+        axis.set_title(f"{title}: -log10 of chance", fontsize=8)
+    return _png(figure)
+
+
+def _png(figure: Any) -> bytes:
+    data = io.BytesIO()
+    figure.savefig(data, format="png", dpi=110)
+    return data.getvalue()
+
+
+def page(found: Finding, content: dict[str, Any], pictures: dict[str, bytes]) -> str:
+    """The report as one HTML page with everything inside."""
+    e = html.escape
+    parts = [
+        "<!doctype html><html lang='en'><head><meta charset='utf-8'><title>Diagnosis</title><style>", _STYLE,
+        "</style></head><body>",
+        f"<h1>{e(VERDICTS[content['verdict']])}</h1>",
+        f"<p class='lead'>{e(content['summary'])}</p>",
+        f"<p class='small'>{e(content['recording']['name'])}: {content['recording']['days']:.1f} days, "
+        f"{content['recording']['dives']} dives between surfacings, {content['recording']['legs']} half yos; "
+        f"vehicle {e(content['vehicle']['name'])}; {content['seconds']:.0f} s.</p>",
+    ]  # fmt: skip
+    parts += [f"<p class='warn'>{e(text)}</p>" for text in content["warnings"]]
+    for effect in content["effects"]:
+        parts.append(_effect_section(effect))
+    if content["unexplained"]:
+        parts.append("<h2>Without a name</h2>")
+        for one in content["unexplained"]:
+            parts.append(
+                f"<p>{e(one['sentence'])} Size {one['rms']:.2g} {e(one['unit'])} rms; its shape gains "
+                f"{one['held_out_gain']:.0f} nats on held-out dives. No effect of the catalogue fits it, so what is "
+                "named above in the same measurement is tentative.</p>"
+            )
+        parts.append(_picture(pictures, "unexplained", "Shape of what has no name, with its 90 % band."))
+    parts.append("<h2>Before and after</h2>")
+    parts.append(
+        _picture(pictures, "residuals", "Measured minus model: calibration alone, and with what was left out.")
+    )
+    parts.append(_held_table(content))
+    parts.append("<h2>Where the mismatch is</h2>")
+    if content["localisation"]:
+        parts.append("<ul>" + "".join(f"<li>{e(p['sentence'])}</li>" for p in content["localisation"][:8]) + "</ul>")
+    else:
+        parts.append("<p>Nowhere beyond chance.</p>")
+    parts.append(_picture(pictures, "places", "How surely each measurement's mismatch depends on what; dark is sure."))
+    parts.append(_calibration_table(content))
+    parts.append(_limits_table(content))
+    if content["missing"] or content["notes"]:
+        lines = "".join(f"<li>{e(t)}</li>" for t in (*content["missing"], *content["notes"]))
+        parts.append(f"<h2>What was missing, and notes</h2><ul>{lines}</ul>")
+    parts.append(_sources(content))
+    parts.append("</body></html>")
+    return "\n".join(parts)
+
+
+def _effect_section(effect: dict[str, Any]) -> str:
+    e = html.escape
+    word = "Perhaps: " if effect["tentative"] else ""
+    lines = [f"<h2>{word}{e(effect['title'])}</h2><p>{e(effect['plain'])}</p>"]
+    if effect["located"]:
+        lines.append(f"<p>Seen here: {e(effect['located'])}</p>")
+    rows = "".join(
+        f"<tr><td>{e(p['text'])}</td><td>{p['shown']['value']:.4g} {e(p['shown']['unit'])}</td>"
+        f"<td>{p['shown']['interval_90'][0]:.4g} to {p['shown']['interval_90'][1]:.4g}</td></tr>"
+        for p in effect["parameters"]
+    )
+    lines.append(f"<table><tr><th></th><th>value</th><th>90 % interval</th></tr>{rows}</table>")
+    for name, value in effect["shapes"].items():
+        lines.append(
+            f"<p>{e(name)}: {value:.4g} s</p>" if name in ("period", "onset") else f"<p>{e(name)}: {value:.4g}</p>"
+        )
+    held = effect["held_out"]
+    sure = (
+        "confirmed on dives left out of the fit" if held["confirmed"] else "not confirmed on dives left out of the fit"
+    )
+    lines.append(f"<p>Evidence {effect['evidence']:.1f} nats; {sure} ({(held['gain'] or 0.0):.1f} nats gained).</p>")
+    if effect["alternatives"]:
+        names = ", ".join(f"{e(a['title'].lower())} ({a['behind']:+.1f} nats behind)" for a in effect["alternatives"])
+        lines.append(f"<p>As well explained by: {names}.</p>")
+        if effect["class"]["decided_by"]:
+            lines.append(f"<p>What would decide: {e(effect['class']['decided_by'])}.</p>")
+    lines.append(f"<p class='small'>Known as {e(effect['id'])}.</p>")
+    return "\n".join(lines)
+
+
+def _held_table(content: dict[str, Any]) -> str:
+    rows = "".join(
+        f"<tr><td>{html.escape(name)}</td><td>{s['n']}</td><td>{s['before']['rms']:.3g}</td><td>{s['after']['rms']:.3g}</td>"
+        f"<td>{s['floor']:.3g}</td><td>{html.escape(s['unit'])}</td>"
+        f"<td>{s['after']['log_score'] - s['before']['log_score']:+.1f}</td></tr>"
+        for name, s in content["held_out"]["streams"].items()
+    )
+    said = ""
+    for key, text, factor, unit in (
+        ("surfacing_error_m", "Surfacing error of a dive segment, median", 1.0, "m"),
+        ("energy_error_j_per_day", "Energy the model did not expect", 1e-3, "kJ a day"),
+    ):
+        pair = content["held_out"]["figures"].get(key)
+        if pair:
+            said += f"<p>{text}: {pair['before'] * factor:.3g} {unit} before, {pair['after'] * factor:.3g} {unit} after.</p>"
+    return (
+        "<p>On dives left out of the fit (rms):</p><table><tr><th>measurement</th><th>number</th><th>before</th><th>after</th>"
+        f"<th>noise</th><th>unit</th><th>log score gained</th></tr>{rows}</table>{said}"
+    )
+
+
+def _calibration_table(content: dict[str, Any]) -> str:
+    rows = "".join(
+        f"<tr><td>{html.escape(c['name'])}</td><td>{c['given']:.6g} &plusmn; {c['sigma']:.3g}</td><td>{c['fitted']:.6g} "
+        f"&plusmn; {c['sd']:.2g}</td></tr>"
+        for c in content["calibration"]
+        if c["kind"] == "calibration"
+    )
+    return (
+        "<h2>The vehicle's own numbers</h2><p>They were free within their stated uncertainty, so what they explain was "
+        f"not called left-out physics.</p><table><tr><th></th><th>given</th><th>fitted</th></tr>{rows}</table>"
+    )
+
+
+def _limits_table(content: dict[str, Any]) -> str:
+    rows = ""
+    for entry in content["not_found"]:
+        sizes = ", ".join(
+            f"{p['shown']['minimum']:.3g} {html.escape(p['shown']['unit'])}"
+            for p in entry["minimum_detectable"]
+            if p["shown"]["minimum"] is not None
+        )
+        if entry["verdict"] == "not_testable":
+            sizes = "cannot be seen in this recording"
+        rows += f"<tr><td>{html.escape(entry['title'])}</td><td>{sizes}</td></tr>"
+    return (
+        "<h2>What was looked for and not found</h2><details><summary>Smallest size of each that would surely have been "
+        f"seen</summary><table><tr><th></th><th>smallest size</th></tr>{rows}</table></details>"
+    )
+
+
+def _sources(content: dict[str, Any]) -> str:
+    e = html.escape
+    rows = "".join(
+        f"<li>{e(x['title'])}: <code>{e(x['equation'])}</code>. {e(x['reference'])}.</li>" for x in content["effects"]
+    )
+    path = "".join(f"<li>{e(line)}</li>" for line in content["search"]["path"]) or "<li>nothing was accepted</li>"
+    return (
+        f"<h2>Equations, sources, and how the search went</h2><ul>{rows}</ul><ul>{path}</ul><p class='small'>"
+        f"{content['search']['candidates']} effects were tried. An effect is accepted at 4.3 nats of evidence beyond its "
+        "prior odds, with the vehicle's calibrations free and noise that is alike within dives and over hours.</p>"
+    )
+
+
+def _picture(pictures: dict[str, bytes], name: str, text: str) -> str:
+    if name not in pictures:
+        return ""
+    data = base64.b64encode(pictures[name]).decode()
+    return f"<figure><img alt='{html.escape(text)}' src='data:image/png;base64,{data}'><figcaption>{html.escape(text)}</figcaption></figure>"
+
+
+_STYLE = """
+body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem;color:#222}
+.lead{font-size:1.2rem}.small{color:#666;font-size:.85rem}.warn{background:#fff3cd;padding:.5rem .8rem}
+table{border-collapse:collapse;margin:.6rem 0}td,th{border-bottom:1px solid #ddd;padding:.2rem .7rem;text-align:left}
+img{max-width:100%}figure{margin:1rem 0}figcaption{color:#666;font-size:.85rem}
+"""

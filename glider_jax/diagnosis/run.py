@@ -1,0 +1,223 @@
+"""Diagnose a recording: gather, search, confirm, look at what is left, and write what was found.
+
+Imports everything the diagnosis is made of; JAX runs in 64-bit precision inside. Layers: readers give records, the
+inference fits, this module puts the parts in order and returns the mapping that ``diagnosis.json`` holds.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import jax
+
+from glider_jax.config import Mission, Vehicle
+from glider_jax.diagnosis import locate
+from glider_jax.diagnosis.candidates import Candidate
+from glider_jax.diagnosis.confirm import Confirmation, confirm
+from glider_jax.diagnosis.schema import document
+from glider_jax.diagnosis.screen import Pick, Search
+from glider_jax.diagnosis.unexplained import Remainder, remainders
+from glider_jax.errors import DataError, did_you_mean
+from glider_jax.inference.fit import make_problem, robust_covariance
+from glider_jax.inference.replay import build_replay
+from glider_jax.inference.streams import Gathered, gather
+from glider_jax.physics.library import TERMS_BY_ID
+from glider_jax.records import Array, BathymetryGrid, CurrentGrid, Recording
+
+
+@dataclass
+class Finding:
+    """All that a diagnosis found; ``schema.document`` turns it into plain data.
+
+    ``mean`` and ``covariance`` are of ``active`` columns in prior units; ``before`` and ``after`` the places where the
+    residual of calibrations alone, and of the full model, has structure.
+    """
+
+    recording: Recording
+    vehicle: Vehicle
+    gathered: Gathered
+    search: Search
+    mean: Array
+    covariance: Array
+    blocks: Confirmation
+    last: Confirmation
+    before: list[locate.Place]
+    after: list[locate.Place]
+    remainders: list[Remainder]
+    whitened: dict[str, tuple[Array, Array]]
+    seconds: float
+    settings: dict[str, Any]
+
+
+def diagnose(
+    folder: str | Path | None = None,
+    out: str | Path | None = None,
+    *,
+    recording: Recording | None = None,
+    vehicle: Vehicle | None = None,
+    mission: Mission | None = None,
+    currents: CurrentGrid | None = None,
+    bathymetry: BathymetryGrid | None = None,
+    only: Sequence[str] = (),
+    exclude: Sequence[str] = (),
+    streams: Sequence[str] | None = None,
+    noise: str = "fitted",
+    hold_out: str = "blocks",
+    priors: bool = True,
+    report: bool = True,
+    progress: Callable[[str], None] | None = None,
+) -> dict[str, Any]:
+    """Say what physics a base model left out of a recording.
+
+    Parameters
+    ----------
+    folder : with ``recording.nc``, ``vehicle.toml`` and, where there are any, ``mission.toml``, ``currents.nc`` and
+        ``bathymetry.nc``; records given by name take precedence.
+    out : folder for ``diagnosis.json``, ``report.html``, ``vehicle.toml`` and figures; None writes nothing.
+    only : accept exactly these effects, without a search. exclude : effects that may not be named.
+    streams : use these streams alone (``vertical_speed``). noise : ``fitted`` or ``independent``.
+    hold_out : ``blocks`` of dives or ``random`` rows. priors : False lets parameters take any size.
+    report : write the report and figures beside the numbers.
+    progress : is told what is being done.
+
+    Raises
+    ------
+    DataError : the recording cannot be replayed; an effect or stream named is unknown.
+    """
+    began = time.perf_counter()
+    tell = progress or (lambda text: None)
+    for id in (*only, *exclude):
+        if id not in TERMS_BY_ID:
+            raise DataError(f"effect '{id}': not in the library.{did_you_mean(id, TERMS_BY_ID)}")
+    if folder is not None:
+        tell("reading")
+        recording, vehicle, mission, currents, bathymetry = _read(
+            Path(folder), recording, vehicle, mission, currents, bathymetry
+        )
+    if recording is None or vehicle is None:
+        raise DataError("diagnose: expected a recording and a vehicle, or a folder with both. Give them.")
+    settings = {
+        "only": list(only), "exclude": list(exclude), "streams": list(streams or ()), "noise": noise,
+        "hold_out": hold_out, "priors": priors,
+    }  # fmt: skip
+    with jax.enable_x64(True):
+        found = _find(recording, vehicle, mission, currents, bathymetry, settings, tell)
+    found.seconds = time.perf_counter() - began
+    content = document(found)
+    if out is not None:
+        from glider_jax.diagnosis.report import write
+
+        write(Path(out), found, content, report=report)
+    return content
+
+
+def _read(folder, recording, vehicle, mission, currents, bathymetry):
+    from glider_jax.readers.bathymetry import read_bathymetry
+    from glider_jax.readers.currents import read_currents
+    from glider_jax.readers.missions import read_mission
+    from glider_jax.readers.recordings import read_recording
+    from glider_jax.readers.vehicles import read_vehicle
+
+    def there(name: str) -> Path | None:
+        return folder / name if (folder / name).exists() else None
+
+    if recording is None:
+        recording = read_recording(there("recording.nc") or folder)
+    if vehicle is None:
+        vehicle = read_vehicle(there("vehicle.toml"))
+    if mission is None and there("mission.toml"):
+        mission = read_mission(there("mission.toml"))
+    if currents is None and there("currents.nc"):
+        currents = read_currents(there("currents.nc"))
+    if bathymetry is None and there("bathymetry.nc"):
+        bathymetry = read_bathymetry(there("bathymetry.nc"))
+    return recording, vehicle, mission, currents, bathymetry
+
+
+def _find(recording, vehicle, mission, currents, bathymetry, settings, tell) -> Finding:
+    gathered = gather(recording, vehicle, mission, currents, bathymetry)
+    gathered = _chosen(gathered, settings["streams"])
+    if not gathered.streams:
+        raise DataError(
+            f"{recording.name}: nothing to compare: {'; '.join(gathered.missing)}. A day of dives with depth, pitch, "
+            "pumped volume and GPS fixes is the least that can be diagnosed."
+        )
+    tell(f"{sum(s.n for s in gathered.streams)} measurements in {len(gathered.streams)} streams")
+    replay = build_replay(gathered, vehicle, 2.0 if settings["priors"] else 100.0)
+    search = _Settled(make_problem(gathered, replay), settings, tell)
+    search.run()
+    tell("held-out dives")
+    linear, fixed, active = search.linear, search.plain, search.active
+    mean, covariance = linear.solve(active)
+    covariance = robust_covariance(linear, active, mean, covariance)
+    effects = {pick.candidate.id: list(pick.variant.columns) for pick in search.picks}
+    blocks = confirm(search.problem, linear, fixed, effects, settings["hold_out"])
+    last = confirm(search.problem, linear, fixed, effects, "last")
+    tell("what is left")
+    alone, _ = linear.solve(fixed)
+    before = locate.discoveries(
+        locate.places(
+            search.problem, linear, linear.residual - linear.columns[:, fixed] @ alone,
+            linear.raw - linear.raw_columns[:, fixed] @ alone,
+        )
+    )  # fmt: skip
+    rest, after = remainders(search.problem, linear, active)
+    whole = fixed + [i for columns in effects.values() for i in columns]
+    both, _ = linear.solve(whole)
+    whitened = {
+        name: (
+            (linear.raw - linear.raw_columns[:, fixed] @ alone)[linear.stream == i],
+            (linear.raw - linear.raw_columns[:, whole] @ both)[linear.stream == i],
+        )
+        for i, name in enumerate(search.problem.names)
+    }
+    return Finding(
+        recording, vehicle, gathered, search, mean, covariance, blocks, last, before, after, rest, whitened, 0.0,
+        settings,
+    )  # fmt: skip
+
+
+def _chosen(gathered: Gathered, streams: Sequence[str]) -> Gathered:
+    if not streams:
+        return gathered
+    wanted = {name.replace("_", " ") for name in streams}
+    known = [s.name for s in gathered.streams]
+    for name in wanted:
+        if name not in known:
+            raise DataError(f"stream '{name}': the recording has {', '.join(known)}.{did_you_mean(name, known)}")
+    return replace(gathered, streams=tuple(s for s in gathered.streams if s.name in wanted))
+
+
+class _Settled(Search):
+    """A search under the settings of a run: effects fixed or barred, noise independent."""
+
+    def __init__(self, problem, settings, progress):
+        super().__init__(problem, progress, independent=settings["noise"] == "independent")
+        self.only, self.exclude = settings["only"], frozenset(settings["exclude"])
+
+    def allowed(self, candidate: Candidate) -> bool:
+        """Whether the search may name a candidate."""
+        return candidate.id not in self.exclude
+
+    def run(self) -> None:
+        """Search, or accept exactly what was asked for."""
+        if not self.only:
+            super().run()
+            return
+        self.looks.prepare()
+        self.relinearise(harden=2)
+        for id in self.only:
+            candidate = next((c for c in self.candidates if c.id == id), None)
+            if candidate is not None:
+                active = self.active
+                gain, variant = self._gain(candidate, active, self.linear.score(active))
+                self.picks.append(Pick(candidate, variant, gain))
+        self.relinearise()
+        self.refine()
+
+
+__all__ = ["Finding", "diagnose"]
