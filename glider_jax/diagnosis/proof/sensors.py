@@ -180,7 +180,7 @@ def record(
     mean = (total[stop] - total[stop - 8]) / 8.0
     seen = mean * (1.0 + e("sensor.current_gain.gain", 0.0)) + e("sensor.current_offset.offset", 0.0)
     heading = np.mod(pick("indicated_heading") + rng.normal(0.0, 0.008, rows), 2 * np.pi)
-    pitch = np.round((take("indicated_pitch") + rng.normal(0.0, 0.006, rows)) / 0.00175) * 0.00175
+    pitch = np.round((take("indicated_pitch") + rng.normal(0.0, 0.004, rows)) / 0.00175) * 0.00175
     # Voltage and load are not sampled at the same moment: a pump's sag is read 20 mV off.
     loose = np.where(pick("pumping") > 0, rng.normal(0.0, 0.02, rows), 0.0)
     volts = voltage[near] + _drifting(rng, at, 0.004, HOUR) + loose

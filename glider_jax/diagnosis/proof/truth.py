@@ -111,7 +111,7 @@ def fly(
     strokes: list[Stroke] = []
     vertical = ocean.vertical.tolist()
     wander = _slow(rng, n, 0.03, 70.0)
-    nod = _slow(rng, n, 0.006, 40.0)
+    nod = _slow(rng, n, 0.014, 40.0)
 
     sin, cos, atan2, sqrt, tan, exp, pi = (
         math.sin,
@@ -168,14 +168,14 @@ def fly(
         z_filtered += 0.35 * (z_seen - z_filtered)
         if phase == 0:
             if k - since >= plan.surface_stay:
-                phase, since, left_at, bias = -1, k, k, rng.normal(0.0, 0.008)
+                phase, since, left_at, bias = -1, k, k, rng.normal(0.0, 0.011)
                 stroke_until = _stroke(strokes, k, -1, 0.0, t_of[0], v, ballast)
         elif k % 4 == 0 and k - since > 12:
             if phase < 0 and (z_filtered >= plan.dive_to or (floor - z <= plan.altitude and k - since > 40)):
-                phase, since, bias = 1, k, rng.normal(0.0, 0.008)
+                phase, since, bias = 1, k, rng.normal(0.0, 0.011)
                 stroke_until = _stroke(strokes, k, 1, z, t_of[int(z / TABLE_STEP)], v, ballast)
             elif phase > 0 and z_filtered <= plan.climb_to and k - left_at < plan.surface_every:
-                phase, since, bias = -1, k, rng.normal(0.0, 0.008)
+                phase, since, bias = -1, k, rng.normal(0.0, 0.011)
                 stroke_until = _stroke(strokes, k, -1, z, t_of[int(z / TABLE_STEP)], v, ballast)
         if phase > 0 and z <= SURFACED:
             phase, since, z, u, w = 0, k, SURFACED, 0.0, 0.0
