@@ -22,6 +22,7 @@ GOALS = {
     "energy": ("wh", -1.0, "Wh drawn"),
 }
 _RESAMPLES = 500
+_FEWEST = 5
 
 
 @dataclass(frozen=True)
@@ -82,7 +83,10 @@ def goal_of(name: str) -> tuple[str, float, str]:
 def recommend(
     settings: Sequence[Setting], *, goal: str = "km", confidence: float = 0.9, seed: int = 0, by: str | None = None
 ) -> list[Recommendation]:
-    """The best setting among those that succeed with the confidence wanted, one for each value of the choice ``by``."""
+    """The best setting among those that succeed with the confidence wanted, one for each value of the choice ``by``.
+
+    Of settings that are equal the one named first is taken.
+    """
     attribute, sign, _ = goal_of(goal)
     flown = [s for s in settings if not s.refused]
     groups: dict[str, list[Setting]] = {}
@@ -158,9 +162,9 @@ def _left(setting: Setting) -> str:
 def sensitivities(
     case: Case, choices: Mapping[str, float | str], *, goal: str = "km", progress: Callable[[int], None] | None = None
 ) -> list[Sensitivity]:
-    """Central differences with the same seeds, never through a choice that switches, in order of their effect.
+    """Central differences with the same seeds, in order of their effect on energy.
 
-    Decisions move by a tenth (pitch by two degrees), what is uncertain about the vehicle by its standard deviation.
+    Members that finish in both flights are compared, so that no difference is taken across an early end. Decisions move by a tenth (pitch by two degrees), what is uncertain about the vehicle by its standard deviation.
     """
     attribute, _, _ = goal_of(goal)
     made = apply_choices(case, choices)
@@ -172,12 +176,15 @@ def sensitivities(
         except ConfigError:
             # A step out of the allowed range has no central difference.
             continue
+        # A member that one of the two flights ends early jumps; those that end alike change smoothly.
+        alike = above.finished & below.finished
+        kept = alike if alike.sum() >= _FEWEST else np.ones_like(alike)
         found.append(
             Sensitivity(
                 name,
                 step,
-                _paired(0.5 * (above.wh - below.wh)),
-                _paired(0.5 * (getattr(above, attribute) - getattr(below, attribute))),
+                _paired(0.5 * (above.wh - below.wh)[kept]),
+                _paired(0.5 * (getattr(above, attribute) - getattr(below, attribute))[kept]),
             )
         )
         if progress is not None:
