@@ -19,8 +19,9 @@ def plan(
     vary: Annotated[
         list[str] | None,
         typer.Option(
-            help="A choice and its values, as pitch=20,26,32; once per choice. Known: pitch, dive_to, climb_to, "
-            "altitude, volume_cc, surface_every_h, surface_stay_min, ctd_every_s, start_h, battery, instrument, order.",
+            help="A choice and its values, preferred first, as pitch=20,26,32; once per choice. Known: pitch, "
+            "dive_to, climb_to, altitude, volume_cc, surface_every_h, surface_stay_min, ctd_every_s, start_h, "
+            "battery, instrument, order.",
             rich_help_panel=_CHOICE,
         ),
     ] = None,

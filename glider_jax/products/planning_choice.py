@@ -81,7 +81,12 @@ def goal_of(name: str) -> tuple[str, float, str]:
 
 
 def recommend(
-    settings: Sequence[Setting], *, goal: str = "km", confidence: float = 0.9, seed: int = 0, by: str | None = None
+    settings: Sequence[Setting],
+    *,
+    goal: str = "km",
+    confidence: float = 0.9,
+    seed: int = 0,
+    by: str | None = None,
 ) -> list[Recommendation]:
     """The best setting among those that succeed with the confidence wanted, one for each value of the choice ``by``.
 
@@ -147,7 +152,12 @@ def why_not(setting: Setting, case: Case) -> str:
                 f"{100 * lost:.0f} % are still under way after {case.days:g} days, at the nearest "
                 f"{story['closest_km']:.1f} km from the last waypoint (speed {story['speed']:.2f} m/s{current})"
             )
-    covered = {int(Outcome.FLYING), int(Outcome.ARRIVED), int(Outcome.BATTERY_EMPTY), int(Outcome.BATTERY_ABORT)}
+    covered = {
+        int(Outcome.FLYING),
+        int(Outcome.ARRIVED),
+        int(Outcome.BATTERY_EMPTY),
+        int(Outcome.BATTERY_ABORT),
+    }
     for code in sorted(set(setting.outcome.tolist()) - covered):
         share = (setting.outcome == code).mean()
         parts.append(f"{100 * share:.0f} % {Outcome(code).sentence}")
@@ -160,11 +170,16 @@ def _left(setting: Setting) -> str:
 
 
 def sensitivities(
-    case: Case, choices: Mapping[str, float | str], *, goal: str = "km", progress: Callable[[int], None] | None = None
+    case: Case,
+    choices: Mapping[str, float | str],
+    *,
+    goal: str = "km",
+    progress: Callable[[int], None] | None = None,
 ) -> list[Sensitivity]:
     """Central differences with the same seeds, in order of their effect on energy.
 
-    Members that finish in both flights are compared, so that no difference is taken across an early end. Decisions move by a tenth (pitch by two degrees), what is uncertain about the vehicle by its standard deviation.
+    Members that finish in both flights are compared, so that no difference is taken across an early end.
+    Decisions move by a tenth (pitch by two degrees), what is uncertain about the vehicle by its standard deviation.
     """
     attribute, _, _ = goal_of(goal)
     made = apply_choices(case, choices)

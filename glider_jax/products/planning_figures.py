@@ -32,7 +32,10 @@ def plot_pareto(settings: Sequence[Setting], chosen: Sequence[Recommendation], p
     axes = figure.subplots(1, 3)
     drawn = None
     for panel, what, label in zip(
-        axes, ("km", "profiles", "contacts"), ("km per day", "profiles per day", "surfacings per day"), strict=True
+        axes,
+        ("km", "profiles", "contacts"),
+        ("km per day", "profiles per day", "surfacings per day"),
+        strict=True,
     ):
         for k, name in enumerate(names):
             mine = [s for s in flown if not word or str(s.choices[word]) == name]

@@ -226,7 +226,10 @@ def _table(settings: Sequence[Setting], chosen: Sequence[Recommendation]) -> lis
         )
     if len(flown) > _SETTINGS_IN_PAGE:
         lines += ["", f"{len(flown) - _SETTINGS_IN_PAGE} more settings are in plan.json."]
-    lines += ["", "Medians. front: no other setting is better in km, profiles, energy and probability at once."]
+    lines += [
+        "",
+        "Medians. front: no other setting is better in km, profiles, energy and probability at once.",
+    ]
     return lines
 
 
