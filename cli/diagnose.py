@@ -1,4 +1,4 @@
-"""``glider-forecast diagnose``: what physics a base model left out of a recording, and how much better it fits with it."""
+"""``glider-forecast diagnose``: what physics a base model left out of a recording, and how well it fits with it."""
 
 from __future__ import annotations
 

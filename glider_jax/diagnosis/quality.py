@@ -14,6 +14,8 @@ from glider_jax.records import Array, Recording
 
 #: A leg whose median misfit is this many times the usual scatter of legs is taken for corrupt.
 WILD = 8.0
+#: m s-1; smaller misfits of a leg are nothing that physics cannot do.
+WILDEST = 0.03
 
 
 def regime_changes(recording: Recording) -> list[str]:
@@ -27,6 +29,13 @@ def regime_changes(recording: Recording) -> list[str]:
         for old, new, moment in levels[:3]:
             day = (moment - recording.time[0]) / 86400.0
             said.append(f"{text} changed from {old * factor:.0f} to {new * factor:.0f} {unit} on day {day:.1f}.")
+    wide = np.flatnonzero(np.diff(recording.time) > 43200.0)
+    if wide.size:
+        days = float(np.diff(recording.time)[wide].max()) / 86400.0
+        said.append(
+            f"The recording has a hole of {days:.1f} days: what differs between its parts may be a setting that "
+            "somebody changed meanwhile, rather than growth or wear."
+        )
     time, power = finite(recording, "thruster_power")
     if power.size and (power > 0.5).sum() > 5:
         said.append(f"A thruster ran in {100.0 * np.mean(power > 0.5):.0f} % of the record.")
@@ -74,5 +83,5 @@ def corrupt_legs(gathered: Gathered, left: Array) -> list[tuple[int, float]]:
     legs, code = np.unique(stream.group, return_inverse=True)
     middle = np.array([np.median(left[code == k]) for k in range(legs.size)])
     usual = 1.4826 * np.median(np.abs(middle - np.median(middle)))
-    wild = np.abs(middle - np.median(middle)) > WILD * max(usual, 1e-3)
+    wild = np.abs(middle - np.median(middle)) > max(WILD * usual, WILDEST)
     return [(int(legs[k]), float(middle[k])) for k in np.flatnonzero(wild)]

@@ -99,7 +99,8 @@ def figures(found: Finding, content: dict[str, Any]) -> dict[str, bytes]:
         for row, name in zip(axes, names, strict=True):
             _before_after(row, found, name)
         pictures["residuals"] = _png(figure)
-    pictures["places"] = _map(found)
+    if found.before:
+        pictures["places"] = _map(found)
     if found.remainders:
         figure = Figure(figsize=(9.0, 2.6 * len(found.remainders)), layout="constrained")
         for axis, one in zip(
@@ -280,16 +281,19 @@ def _held_table(content: dict[str, Any]) -> str:
     ):
         pair = content["held_out"]["figures"].get(key)
         if pair:
-            said += f"<p>{text}: {pair['before'] * factor:.3g} {unit} before, {pair['after'] * factor:.3g} {unit} after.</p>"
+            before, after = pair["before"] * factor, pair["after"] * factor
+            said += f"<p>{text}: {before:.3g} {unit} before, {after:.3g} {unit} after.</p>"
     return (
-        "<p>On dives left out of the fit (rms):</p><table><tr><th>measurement</th><th>number</th><th>before</th><th>after</th>"
+        "<p>On dives left out of the fit (rms):</p><table><tr><th>measurement</th><th>number</th><th>before</th>"
+        "<th>after</th>"
         f"<th>noise</th><th>unit</th><th>log score gained</th></tr>{rows}</table>{said}"
     )
 
 
 def _calibration_table(content: dict[str, Any]) -> str:
     rows = "".join(
-        f"<tr><td>{html.escape(c['name'])}</td><td>{c['given']:.6g} &plusmn; {c['sigma']:.3g}</td><td>{c['fitted']:.6g} "
+        f"<tr><td>{html.escape(c['name'])}</td><td>{c['given']:.6g} &plusmn; {c['sigma']:.3g}</td>"
+        f"<td>{c['fitted']:.6g} "
         f"&plusmn; {c['sd']:.2g}</td></tr>"
         for c in content["calibration"]
         if c["kind"] == "calibration"
@@ -325,8 +329,8 @@ def _sources(content: dict[str, Any]) -> str:
     path = "".join(f"<li>{e(line)}</li>" for line in content["search"]["path"]) or "<li>nothing was accepted</li>"
     return (
         f"<h2>Equations, sources, and how the search went</h2><ul>{rows}</ul><ul>{path}</ul><p class='small'>"
-        f"{content['search']['candidates']} effects were tried. An effect is accepted at 4.3 nats of evidence beyond its "
-        "prior odds, with the vehicle's calibrations free and noise that is alike within dives and over hours.</p>"
+        f"{content['search']['candidates']} effects were tried. An effect is accepted at 4.3 nats of evidence beyond "
+        "its prior odds, with the vehicle's calibrations free and noise that is alike within dives and over hours.</p>"
     )
 
 
@@ -334,7 +338,9 @@ def _picture(pictures: dict[str, bytes], name: str, text: str) -> str:
     if name not in pictures:
         return ""
     data = base64.b64encode(pictures[name]).decode()
-    return f"<figure><img alt='{html.escape(text)}' src='data:image/png;base64,{data}'><figcaption>{html.escape(text)}</figcaption></figure>"
+    caption = html.escape(text)
+    image = f"<img alt='{caption}' src='data:image/png;base64,{data}'>"
+    return f"<figure>{image}<figcaption>{caption}</figcaption></figure>"
 
 
 _STYLE = """

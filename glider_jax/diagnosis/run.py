@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import jax
+import numpy as np
 
 from glider_jax.config import Mission, Vehicle
 from glider_jax.diagnosis import locate
@@ -156,6 +157,12 @@ def _find(recording, vehicle, mission, currents, bathymetry, settings, tell) -> 
     covariance = robust_covariance(linear, active, mean, covariance)
     effects = {pick.candidate.id: list(pick.variant.columns) for pick in search.picks}
     blocks = confirm(search.problem, linear, fixed, effects, settings["hold_out"])
+    if search.reject(blocks.effects):
+        linear, fixed, active = search.linear, search.plain, search.active
+        mean, covariance = linear.solve(active)
+        covariance = robust_covariance(linear, active, mean, covariance)
+        effects = {pick.candidate.id: list(pick.variant.columns) for pick in search.picks}
+        blocks = confirm(search.problem, linear, fixed, effects, settings["hold_out"])
     last = confirm(search.problem, linear, fixed, effects, "last")
     tell("what is left")
     alone, _ = linear.solve(fixed)
@@ -202,6 +209,18 @@ class _Settled(Search):
     def allowed(self, candidate: Candidate) -> bool:
         """Whether the search may name a candidate."""
         return candidate.id not in self.exclude
+
+    def reject(self, held_out: dict[str, tuple[float, float]]) -> bool:
+        """Take back effects that held-out dives speak against, where there are dives enough to say so."""
+        if self.only or np.unique(self.linear.block).size < 8:
+            return False
+        bad = [p for p in self.picks if held_out.get(p.candidate.id, (1.0, 1.0))[0] <= 0.0]
+        if not bad:
+            return False
+        self.path += [f"took back {p.candidate.id}: held-out dives fit worse with it" for p in bad]
+        self.picks = [p for p in self.picks if p not in bad]
+        self.relinearise()
+        return True
 
     def run(self) -> None:
         """Search, or accept exactly what was asked for."""

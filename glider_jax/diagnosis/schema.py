@@ -35,7 +35,7 @@ def document(found: Finding) -> dict[str, Any]:
     unexplained = [_remainder(one) for one in found.remainders]
     named = {one["place"]["stream"] for one in unexplained}
     for effect in effects:
-        effect["tentative"] = bool(named & set(effect["streams"]))
+        effect["tentative"] = bool(named & set(effect["streams"])) or not effect["held_out"]["confirmed"]
     verdict = "unexplained" if unexplained else "explained" if effects else "nothing_missing"
     warnings = _vehicle_warnings(found) + _quality(found)
     return {
@@ -165,16 +165,17 @@ def _vehicle_warnings(found: Finding) -> list[str]:
     for entry in _calibration(found):
         if entry["kind"] == "calibration" and abs(entry["sigmas_away"] or 0.0) > FAR:
             said.append(
-                f"The vehicle file gives {entry['name']} = {entry['given']:g} +- {entry['sigma']:g}; this recording asks "
-                f"for {entry['fitted']:g}, {abs(entry['sigmas_away']):.0f} sigma away. Check that the file is this glider's."
+                f"The vehicle file gives {entry['name']} = {entry['given']:g} +- {entry['sigma']:g}; this recording "
+                f"asks for {entry['fitted']:g}, {abs(entry['sigmas_away']):.0f} sigma away. Check that the file is this "
+                "glider's."
             )
     stream = found.gathered.stream("vertical speed")
     if stream is not None and "vertical speed" in found.whitened:
         left = found.whitened["vertical speed"][0]
         if np.sqrt(np.mean(left**2)) > 0.05:
             said.append(
-                f"The base model misses the vertical speed by {100.0 * np.sqrt(np.mean(left**2)):.1f} cm/s rms even after "
-                "calibration: a wrong vehicle file is likelier than left-out physics. Check it before reading on."
+                f"The base model misses the vertical speed by {100.0 * np.sqrt(np.mean(left**2)):.1f} cm/s rms even "
+                "after calibration: a wrong vehicle file is likelier than left-out physics. Check it before reading on."
             )
     return said
 
@@ -185,8 +186,8 @@ def _quality(found: Finding) -> list[str]:
     blocks = len(np.unique(found.search.linear.block))
     if blocks < 6:
         said.append(
-            f"Only {blocks} dives between surfacings: effects that differ from dive to dive cannot be told from chance, "
-            "and held-out checks mean little. Two days, or a dozen segments, are enough for most effects."
+            f"Only {blocks} dives between surfacings: effects that differ from dive to dive cannot be told from "
+            "chance, and held-out checks mean little. Two days, or a dozen segments, are enough for most effects."
         )
     for noise in found.search.problem.noises:
         wild = int((noise.inflation > 4.0).sum())
@@ -201,8 +202,8 @@ def _quality(found: Finding) -> list[str]:
             worst = max(legs, key=lambda pair: abs(pair[1]))
             day = (found.gathered.ways[worst[0]].start_time - found.recording.time[0]) / 86400.0
             said.append(
-                f"{len(legs)} half yos look corrupt, the worst on day {day:.2f} ({100.0 * worst[1]:+.1f} cm/s); they count "
-                "for little."
+                f"{len(legs)} half yos look corrupt, the worst on day {day:.2f} ({100.0 * worst[1]:+.1f} cm/s); they "
+                "count for little."
             )
     return said
 

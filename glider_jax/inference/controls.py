@@ -74,7 +74,7 @@ def rows_of(recording: Recording, ways: list[Leg], turn: Variation, latitude: fl
         if finite(recording, name)[0].size < 30:
             raise DataError(
                 f"{recording.name}: channel '{name}': expected at least 30 values, found "
-                f"{finite(recording, name)[0].size}. A diagnosis replays depth and pitch; give a recording that has them."
+                f"{finite(recording, name)[0].size}. A diagnosis replays depth and pitch; give a recording with both."
             )
     if not ways:
         raise DataError(
@@ -211,7 +211,7 @@ def _water(
     if not all(name in recording for name in names):
         temperature = np.nan_to_num(at(recording, "temperature", time, 600.0), nan=283.15)
         pressure = seawater.pressure_dbar_from_depth(np.maximum(depth, 0.0), latitude)
-        return np.ones(time.size, bool), temperature, np.asarray(seawater.density(35.0, 10.0, pressure)), 0.0, 0.0
+        return np.ones(time.size, bool), temperature, np.asarray(seawater.density(35.0, 10.0, pressure)), 0.0
     good = np.isfinite(recording["temperature"]) & np.isfinite(recording["conductivity"])
     good &= recording["conductivity"] > 0.5
     moments = recording.time[good]

@@ -1,4 +1,4 @@
-"""Streams of the instruments beside flight: pump strokes, loads, voltage, turning depths, seafloor, clocks and counters.
+"""Streams of the instruments beside flight: pump strokes, loads, voltage, turns, seafloor, clocks and counters.
 
 NumPy only. Each function takes the builder of :mod:`~glider_jax.inference.streams`, adds its streams to it and returns
 what the replay needs to predict them.
@@ -218,7 +218,8 @@ def others(b: Builder):
     if len(ratios) >= 2:
         b.add(
             "charge counter", "1", "%", 100.0, [r for _, _, r, _ in ratios], [t for _, t, _, _ in ratios],
-            [k for k, *_ in ratios], [k for k, *_ in ratios], [c / np.median([q for *_, q in ratios]) for *_, c in ratios],
+            [k for k, *_ in ratios], [k for k, *_ in ratios],
+            [c / np.median([q for *_, q in ratios]) for *_, c in ratios],
             np.full(len(ratios), 3600.0), time=[t - b.origin for _, t, _, _ in ratios],
         )  # fmt: skip
     speeds = measured_speed(b)

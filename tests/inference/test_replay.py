@@ -1,0 +1,96 @@
+"""The replay against an independent simulator, and the signs of its derivatives."""
+
+from __future__ import annotations
+
+import jax
+import numpy as np
+import pytest
+
+from glider_jax.errors import DataError
+from glider_jax.inference.replay import build_replay
+from glider_jax.inference.streams import gather
+from tests.diagnosis.worlds import fly, vehicle
+
+
+@pytest.fixture(scope="module")
+def world():
+    """A quiet flight without noise, gathered, with predictions and derivatives at the vehicle's numbers."""
+    with jax.enable_x64(True):
+        gathered = gather(fly(0.8, noise=0.05, current=(0.08, -0.05)), vehicle())
+        replay = build_replay(gathered, vehicle())
+        values = np.array([u.centre for u in replay.unknowns])
+        predicted, columns = replay.jacobian(values)
+    names = [u.name for u in replay.unknowns]
+    return gathered, replay, values, predicted, columns, names
+
+
+def column(world, stream, name):
+    """Derivative of a stream by an unknown, per its scale."""
+    _, _, _, _, columns, names = world
+    return columns[stream][:, names.index(name)]
+
+
+def test_an_independent_flight_is_replayed(world):
+    """What another simulator flew is predicted: vertical speed to a millimetre a second, power to a milliwatt."""
+    gathered, _, _, predicted, _, _ = world
+    left = {s.name: s.value - predicted[s.name] for s in gathered.streams}
+    assert abs(left["vertical speed"].mean()) < 5e-4 and left["vertical speed"].std() < 2e-3
+    assert abs(left["displacement east"].mean() - 0.08) < 3e-3
+    assert abs(left["displacement north"].mean() + 0.05) < 3e-3
+    assert np.abs(left["surface drift east"] - 0.08).max() < 3e-3
+    assert abs(left["hotel power, dives"].mean()) < 2e-3
+    assert abs(left["surface power"].mean()) < 2e-2
+    assert abs(left["pump in energy"].mean()) < 3.0 and abs(left["pump out energy"].mean()) < 6.0
+
+
+def test_signs_of_flight_terms(world):
+    """Mass sinks, drag slows both ways, a squeezed hull sinks at depth, upwelling lifts."""
+    gathered = world[0]
+    stream = gathered.stream("vertical speed")
+    climb = stream.covariates["direction"] > 0
+    assert (column(world, "vertical speed", "flight.ballast_offset.mass") > 0).all()
+    drag = column(world, "vertical speed", "flight.drag_bias.share")
+    assert (drag[climb] > 0).all() and (drag[~climb] < 0).all()
+    squeezed = column(world, "vertical speed", "flight.hull_compressibility.compressibility")
+    assert (squeezed > 0).all()
+    deep = stream.covariates["depth"] > np.median(stream.covariates["depth"])
+    assert squeezed[deep].mean() > 1.5 * squeezed[~deep].mean()
+    assert np.allclose(column(world, "vertical speed", "flight.mean_upwelling.velocity"), -0.004, atol=4e-4)
+    lift = column(world, "vertical speed", "flight.lift_loss.loss")
+    assert np.abs(lift).max() < 0.2 * np.abs(drag).max()
+
+
+def test_signs_of_other_streams(world):
+    """Currents carry by their own size, loads add their own watts, a gain scales, a resistance sags."""
+    assert np.allclose(column(world, "displacement east", "navigation.mean_current.east"), 0.3, atol=1e-6)
+    assert np.allclose(column(world, "surface drift north", "navigation.mean_current.north"), 0.3, atol=1e-6)
+    assert np.allclose(column(world, "surface drift east", "navigation.surface_windage.east"), 0.3, atol=1e-6)
+    assert np.abs(column(world, "displacement east", "navigation.surface_windage.east")).max() < 0.05
+    assert np.allclose(column(world, "hotel power, dives", "energy.dive_only_load.power"), 1.0)
+    assert np.allclose(column(world, "hotel power, climbs", "energy.dive_only_load.power"), 0.0)
+    gain = column(world, "surface power", "sensor.current_gain.gain")
+    assert np.allclose(gain, 0.06 * 3.6, rtol=0.02)
+    assert (column(world, "battery voltage", "energy.internal_resistance.resistance") < 0.0).all()
+    pump = column(world, "pump out energy", "energy.pump_pressure_nonlinearity.curvature")
+    assert np.allclose(pump, 0.04 * 61.5**2, rtol=0.05)
+
+
+def test_derivatives_are_those_of_the_prediction(world):
+    """One step along an unknown changes the prediction as its column says."""
+    _, replay, values, predicted, columns, names = world
+    k = names.index("flight.drag_growth.rate")
+    moved = values.copy()
+    step = 0.02
+    moved[k] += step * replay.unknowns[k].scale
+    with jax.enable_x64(True):
+        ahead, _ = replay.jacobian(moved)
+    change = (ahead["vertical speed"] - predicted["vertical speed"]) / step
+    assert np.abs(change - columns["vertical speed"][:, k]).max() < 0.03 * np.abs(change).max()
+
+
+def test_too_little_is_said():
+    """A recording without pitch is refused with a sentence that names the channel."""
+    recording = fly(0.1)
+    del recording.channels["pitch"]
+    with pytest.raises(DataError, match="channel 'pitch'"):
+        gather(recording, vehicle())
