@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import sys
 from importlib import import_module
-from importlib.util import find_spec
 from typing import Annotated
 
 import typer
@@ -54,6 +53,8 @@ _COMMANDS = (
     ("scores", "scores", "scores"),
     ("diagnose", "diagnose", "diagnose"),
     ("prove", "prove", "prove"),
+    ("validate", "validate", "validate"),
+    ("plan", "plan", "plan"),
     ("recording", "recording", "recording"),
     ("dialog", "dialog", "dialog"),
     ("terms", "terms", "terms"),
@@ -68,11 +69,9 @@ _GROUPS = (
 def register() -> None:
     """Add every command; each module imports what it needs inside its functions."""
     for name, module, function in _COMMANDS:
-        if find_spec(f"glider_jax_cli.{module}"):
-            app.command(name)(getattr(import_module(f"glider_jax_cli.{module}"), function))
+        app.command(name)(getattr(import_module(f"glider_jax_cli.{module}"), function))
     for name, module, text in _GROUPS:
-        if find_spec(f"glider_jax_cli.{module}"):
-            app.add_typer(import_module(f"glider_jax_cli.{module}").app, name=name, help=text)
+        app.add_typer(import_module(f"glider_jax_cli.{module}").app, name=name, help=text)
 
 
 register()
