@@ -33,7 +33,10 @@ def compiled_cache() -> None:
     except OSError as error:
         print(f"note: compiled programs are not kept ({error.strerror})", file=sys.stderr)
     if "xla_force_host_platform_device_count" not in os.environ.get("XLA_FLAGS", ""):
-        jax.config.update("jax_num_cpu_devices", max(1, len(os.sched_getaffinity(0))))
+        try:
+            jax.config.update("jax_num_cpu_devices", max(1, len(os.sched_getaffinity(0))))
+        except RuntimeError:
+            print("note: JAX was started before with other devices, which stay", file=sys.stderr)
 
 
 @contextmanager
