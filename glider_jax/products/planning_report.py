@@ -114,9 +114,7 @@ def run_plan(options: PlanOptions, out: Path | None, progress: Callable[[int], N
         for one in chosen:
             if hangs.get(one.group):
                 name = f"tornado-{one.group}" if one.group else "tornado"
-                title = (
-                    f"What the answer hangs on: {one.group + ', ' if one.group else ''}{words(one.setting or one.best)}"
-                )
+                title = f"What the answer hangs on: {words(one.setting or one.best)}"
                 files[name] = plot_tornado(hangs[one.group], options.goal, out / f"{name}.png", title)
     return PlanResult(page, numbers, files, tuple(settings))
 
@@ -248,6 +246,8 @@ def _assumed(case: Case) -> list[str]:
     return [
         f"- vehicle {case.vehicle.name}, speed model {case.speed}, devices: {devices}",
         f"- currents {currents}; seafloor {'as given' if case.bathymetry is not None else 'never reached'}",
+        *(["- no hydrography: uniform water of the vehicle's trim"] if case.water is None else []),
+        *(f"- not simulated: {text}" for text in case.mission.unsupported),
         f"- waypoints {'flown over and over' if case.loop else 'flown once'}; a member whose pack is empty ends there",
         "- differences between settings are between the same members; the spreads contain what is unknown to all",
     ]

@@ -233,7 +233,11 @@ def _assumptions(c: Calibration, rows: Sequence[Row], bundled: bool) -> list[str
         for r in rows:
             if len(r.by_start) > 1:
                 days = ", ".join(f"{d:.2f}" if math.isfinite(d) else "later" for d in r.by_start)
-                lines.append(f"- {r.paper.name} by start, a day apart: {days} days.")
+                own = 100.0 * (r.by_start[0] / r.paper.days - 1.0)
+                lines.append(
+                    f"- {r.paper.name} by start, a day apart, the mission's own first: {days} days. The own start alone "
+                    f"would be {own:+.1f} % from the published days."
+                )
     if late:
         lines.append(
             f"- Not arrived before the currents ended, and counted as later than all others: {', '.join(late)}."
