@@ -39,6 +39,7 @@ class World:
     half: NDArray[np.int64]  # half yo of each node
     segment: NDArray[np.int64]  # segment of each node
     whiteners: dict[str, Array]
+    plain: dict[str, Array]
 
 
 def prepare(ocean: Ocean, vehicle: Vehicle, flown: Flown, sigma: Mapping[str, float]) -> World:
@@ -76,7 +77,8 @@ def prepare(ocean: Ocean, vehicle: Vehicle, flown: Flown, sigma: Mapping[str, fl
     segment = np.searchsorted(surfaced, nodes["time"])
     flow = [ocean.flow(x, y, t) for x, y, t in zip(nodes["east"], nodes["north"], nodes["time"], strict=True)]
     nodes["flow_east"], nodes["flow_north"] = np.array(flow).T
-    world = World(ocean, vehicle, flown, sigma, nodes, codes // PARTS, segment, {})
+    world = World(ocean, vehicle, flown, sigma, nodes, codes // PARTS, segment, {}, {})
+    world.plain.update(observe(world, {}))
     world.whiteners.update(_whiteners(world))
     world.whiteners["calibrated"] = _calibrated(world)
     return world
@@ -84,7 +86,7 @@ def prepare(ocean: Ocean, vehicle: Vehicle, flown: Flown, sigma: Mapping[str, fl
 
 def _calibrated(world: World) -> Array:
     """Orthonormal basis of what the calibrations can absorb within their sigmas, prior rows at the end."""
-    plain = observe(world, {})
+    plain = world.plain
     columns = []
     for name in CALIBRATED:
         moved = replace(world.vehicle, **{name: getattr(world.vehicle, name) + world.sigma[name]})
@@ -97,7 +99,7 @@ def _calibrated(world: World) -> Array:
 
 def _whiteners(world: World) -> dict[str, Array]:
     """Inverse Cholesky factors of the noise of the streams that are correlated in time."""
-    plain = observe(world, {})
+    plain = world.plain
     times = plain["hotel_time"]
     gap = np.abs(times[:, None] - times[None, :])
     hotel = (0.012 * world.vehicle.hotel) ** 2 * np.exp(-gap / 2400.0) + np.eye(times.size) * (
@@ -269,7 +271,7 @@ def _whiten(world: World, change: dict[str, Array]) -> Array:
 
 def signature(world: World, effects: Mapping[str, float]) -> Array:
     """Whitened change of the observations by effects, what calibration sigmas absorb projected out."""
-    plain = observe(world, {})
+    plain = world.plain
     seen = observe(world, effects)
     vector = _whiten(world, {k: seen[k] - plain[k] for k in plain})
     q = world.whiteners["calibrated"]
