@@ -22,7 +22,7 @@ ORANGE, SKY, GREEN, YELLOW = "#E69F00", "#56B4E9", "#009E73", "#F0E442"
 BLUE, VERMILLION, PURPLE, BLACK = "#0072B2", "#D55E00", "#CC79A7", "#000000"
 LAND, SHORE = "#E4DCCB", "#6B6250"
 HALO = [effects.withStroke(linewidth=2.5, foreground="white")]
-_SEA = LinearSegmentedColormap.from_list("sea", ["#F4F9FC", "#D9E8F2", "#B4CDE1", "#8FB0CC"])
+_SEA = LinearSegmentedColormap.from_list("sea", ["#F4F9FC", "#E3EEF5", "#CCDEEB", "#B2CBDF"])
 _DEPTHS = np.array(
     [5, 10, 20, 30, 40, 50, 75, 100, 150, 200, 300, 500, 750, 1000, 1500, 2000, 3000, 4000, 5000, 6000]
 )
@@ -119,7 +119,7 @@ def draw_bathymetry(axes: Axes, grid: BathymetryGrid, limits: Limits, *, labels:
     levels = _depth_levels(float(np.ma.median(depth[depth > 0])) if (depth > 0).any() else 0.0, deepest)
     if levels.size:
         fills = np.concatenate([[0.0], levels, [max(deepest, levels[-1]) * 1.01 + 1.0]])
-        shades = [_SEA(k) for k in np.linspace(0.0, 1.0, fills.size - 1)]
+        shades = [_SEA(k) for k in np.linspace(0.0, min(1.0, 0.2 * (fills.size - 2)), fills.size - 1)]
         axes.contourf(longitude, latitude, depth, levels=fills, colors=shades, zorder=0.5)
         lines = axes.contour(
             longitude, latitude, depth, levels=levels, colors="#4F7396", linewidths=0.6, alpha=0.8, zorder=0.6

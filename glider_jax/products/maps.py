@@ -17,7 +17,9 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
 from matplotlib.lines import Line2D
+from matplotlib.patches import FancyBboxPatch
 
 from glider_jax.products import cartography as chart
 from glider_jax.products.atomic import atomic_path
@@ -71,9 +73,7 @@ def plot_map(
     _draw_marks(main, track, longitude, summary, reference)
     chart.draw_scale_bar(main, limits)
     _draw_legend(main, shown, key, currents)
-    bar = figure.colorbar(mesh, cax=figure.add_axes((0.640, 0.095, 0.011, 0.24)))
-    bar.ax.set_title("positions\nper cell", fontsize=7.5, loc="left", pad=4)
-    bar.ax.tick_params(labelsize=7)
+    _draw_key(main, mesh)
     _draw_zoom(zoom, track, longitude, summary, reference, bathymetry)
     _write_words(figure, track, summary, title)
     with atomic_path(path) as temporary:
@@ -109,29 +109,46 @@ def _main_limits(
     )
 
 
-def _draw_density(axes: Axes, track: Track, longitude: Array, limits: chart.Limits):
+def _draw_density(axes: Axes, track: Track, longitude: Array, limits: chart.Limits) -> AxesImage:
     """How often members are in each cell, all output times together, on a logarithmic scale."""
     active = np.asarray(track.active)
     x, y = longitude[active], np.asarray(track.latitude)[active]
     step = max(1, x.size // _MOST_POINTS)
-    rows, columns = 150, 110
+    columns = 130
+    rows = max(1, round(columns * (limits.north - limits.south) * limits.stretch / (limits.east - limits.west)))
     # Cells by multiplication rather than searching edges: ten times as fast for a million points.
     i = ((y[::step] - limits.south) * (rows / (limits.north - limits.south))).astype(np.intp)
     j = ((x[::step] - limits.west) * (columns / (limits.east - limits.west))).astype(np.intp)
     good = (i >= 0) & (i < rows) & (j >= 0) & (j < columns)
     counts = np.bincount(i[good] * columns + j[good], minlength=rows * columns).reshape(rows, columns) * step
     shown = np.ma.masked_equal(counts, 0)
+    norm = LogNorm(vmin=1, vmax=max(float(counts.max()), 10.0))
     return axes.imshow(
         shown,
         extent=(limits.west, limits.east, limits.south, limits.north),
         origin="lower",
         aspect=limits.stretch,
         cmap="viridis_r",
-        norm=LogNorm(vmin=1, vmax=max(float(counts.max()), 10.0)),
-        alpha=0.72,
+        norm=norm,
+        # Rare places are faint, so that the eye is not drawn to the edge.
+        alpha=np.ma.filled(0.2 + 0.65 * norm(shown), 0.0),
         interpolation="nearest",
         zorder=1.5,
     )
+
+
+def _draw_key(axes: Axes, mesh: AxesImage) -> None:
+    """The colours of the density, in a box in the lower right corner."""
+    box = FancyBboxPatch(
+        (0.665, 0.018), 0.318, 0.075, boxstyle="round,pad=0,rounding_size=0.008", transform=axes.transAxes,
+        facecolor="white", edgecolor="#CCCCCC", alpha=0.9, zorder=9,
+    )  # fmt: skip
+    axes.add_patch(box)
+    inner = axes.inset_axes((0.69, 0.052, 0.268, 0.018), zorder=10)
+    bar = axes.figure.colorbar(mesh, cax=inner, orientation="horizontal")
+    bar.set_label("members × output times per cell", fontsize=7.5, labelpad=-30)
+    bar.ax.tick_params(labelsize=7, pad=1.5, length=2)
+    bar.ax.minorticks_off()
 
 
 def _draw_tracks(axes: Axes, track: Track, longitude: Array) -> None:
@@ -314,6 +331,12 @@ def _clock(text: str | None) -> str:
     return f"{text[8:10]} {months[int(text[5:7]) - 1]} {text[11:16]}Z"
 
 
+def _between(time: Mapping[str, str | None]) -> str:
+    """The 90 % interval; the day is said once where both ends have the same."""
+    first, last = _clock(time["p05"]), _clock(time["p95"])
+    return f"{first} to {last[7:]}" if first[:6] == last[:6] else f"{first} to {last}"
+
+
 def _write_words(figure: Figure, track: Track, summary: Mapping[str, Any], title: str | None) -> None:
     """Heading, the surfacings in words, outcomes, and what the picture was made from."""
     forecast = summary["forecast"]
@@ -350,7 +373,7 @@ def _write_words(figure: Figure, track: Track, summary: Mapping[str, Any], title
         share = "" if entry["probability"] > 0.9995 else f" · {entry['probability']:.1%} of members"
         place = entry["place"]
         words = (
-            f"{_clock(time['median'])}   (90 %: {_clock(time['p05'])} to {_clock(time['p95'])})\n"
+            f"{_clock(time['median'])}   (90 %: {_between(time)})\n"
             f"{place['text']}   ({place['latitude']:.4f}, {place['longitude']:.4f})\n{sizes}{share}"
         )
         figure.text(0.717, y, words, fontsize=8.8, va="top", linespacing=1.35)
