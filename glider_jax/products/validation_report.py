@@ -235,8 +235,8 @@ def _assumptions(c: Calibration, rows: Sequence[Row], bundled: bool) -> list[str
                 days = ", ".join(f"{d:.2f}" if math.isfinite(d) else "later" for d in r.by_start)
                 own = 100.0 * (r.by_start[0] / r.paper.days - 1.0)
                 lines.append(
-                    f"- {r.paper.name} by start, a day apart, the mission's own first: {days} days. The own start alone "
-                    f"would be {own:+.1f} % from the published days."
+                    f"- {r.paper.name} by start, a day apart, the mission's own first: {days} days. The own start "
+                    f"alone would be {own:+.1f} % from the published days."
                 )
     if late:
         lines.append(
