@@ -54,6 +54,7 @@ def covariates(stream: Stream, origin: float) -> dict[str, Array]:
     """What a stream's residual is looked at against; hour of day and dive are added."""
     found = {k: v for k, v in stream.covariates.items() if k != "direction" and np.ptp(v) > 0.0}
     found["hour"] = ((stream.time + origin) / 3600.0) % 24.0
+    found["throughout"] = np.zeros(stream.n) + 0.5
     return found
 
 
@@ -74,19 +75,28 @@ def places(problem: Problem, linear: Linear, left: Array, raw: Array, seed: int 
             continue
         signs = rng.choice([-1.0, 1.0], (FLIPS, blocks.size))
         q, unwhite = left[rows], raw[rows]
+        if len(next(n for n in problem.noises if name in n.names).names) > 1:
+            # Whitening mixes displacements and drifts; each is looked at by itself, against its own scatter.
+            q = unwhite / max(float(np.sqrt(np.mean(unwhite**2))), 1e-12)
         direction = stream.covariates.get("direction")
         whole = float(np.sum(q * q))
         for key, x in covariates(stream, problem.gathered.origin).items():
             if key == "time":
                 continue
             found += _flipped(stream, key, x, direction, q, unwhite, code, signs, whole)
-        found += _by_dive(stream, direction, q, unwhite, blocks, code)
+        if len(next(n for n in problem.noises if name in n.names).names) == 1:
+            found += _by_dive(stream, direction, q, unwhite, blocks, code)
     return sorted(found, key=lambda place: (place.p, -abs(place.z)))
 
 
 def _flipped(stream, key, x, direction, q, unwhite, code, signs, whole) -> list[Place]:
-    edges = np.unique(np.quantile(x, np.linspace(0.0, 1.0, BINS + 1)))
-    if edges.size < 3:
+    few = q.size < 12 * BINS
+    edges = (
+        np.array([0.0, 1.0])
+        if key == "throughout"
+        else np.unique(np.quantile(x, np.linspace(0.0, 1.0, (3 if few else BINS) + 1)))
+    )
+    if edges.size < 2:
         return []
     slot = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, edges.size - 2)
     bins = edges.size - 1
@@ -96,7 +106,7 @@ def _flipped(stream, key, x, direction, q, unwhite, code, signs, whole) -> list[
     count = np.bincount(slot, minlength=bins * len(phases)).astype(float)
     sums = np.zeros((signs.shape[1], count.size))
     np.add.at(sums, (code, slot), q)
-    good = (count >= 8) & ((np.abs(sums) > 0.0).sum(axis=0) >= 5)
+    good = (count >= (5 if few else 8)) & ((np.abs(sums) > 0.0).sum(axis=0) >= 5)
     if not good.any():
         return []
     # Sums over their own scatter between dives: what a few dives do alone does not count here.
@@ -192,12 +202,15 @@ def sentence(place: Place) -> str:
     size = f"{place.size:+.2g} {place.size_unit}"
     what = _LARGE.get(place.stream, f"{place.stream} is {{size}} beyond the model").format(size=size)
     phase = f"on {place.phase}, " if place.phase else ""
-    if place.covariate == "dive":
+    if place.covariate == "throughout":
+        where = "all the time"
+    elif place.covariate == "dive":
         where = f"most between day {place.low:.1f} and {place.high:.1f}"
     else:
         name = place.covariate.replace("_", " ")
         where = f"most where {name} is {place.low:.3g} to {place.high:.3g} {place.unit}"
-    return f"{phase}{what}, {where}".strip().capitalize() + "."
+    text = f"{phase}{what}, {where}."
+    return text[0].upper() + text[1:]
 
 
 def onset(stream: Stream, left: Array) -> tuple[float, float]:

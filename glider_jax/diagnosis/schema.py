@@ -56,7 +56,7 @@ def document(found: Finding) -> dict[str, Any]:
         "effects": effects,
         "unexplained": unexplained,
         "calibration": _calibration(found),
-        "localisation": [_place(place) for place in found.before if place.significant][:12],
+        "localisation": [_place(place) for place in _telling(found.before)],
         "streams": [_stream(found, name) for name in found.search.problem.names],
         "missing": list(found.gathered.missing),
         "notes": [*found.gathered.notes, *_lag(found)],
@@ -66,6 +66,16 @@ def document(found: Finding) -> dict[str, Any]:
         "settings": found.settings,
         "seconds": round(found.seconds, 2),
     }
+
+
+def _telling(places: list[locate.Place]) -> list[locate.Place]:
+    """Significant places, the one that explains most of each stream first, at most two of a stream."""
+    ranked = sorted((p for p in places if p.significant), key=lambda p: -p.share * abs(p.z))
+    kept: list[locate.Place] = []
+    for place in ranked:
+        if sum(p.stream == place.stream for p in kept) < 2:
+            kept.append(place)
+    return kept[:12]
 
 
 def number(value: Any) -> float | None:
@@ -91,7 +101,8 @@ def _effect(found: Finding, k: int) -> dict[str, Any]:
         for s in np.unique(search.linear.stream[np.abs(search.linear.columns[:, i]) > 1e-9])
     })  # fmt: skip
     gain, share = found.blocks.effects.get(id, (math.nan, math.nan))
-    places = [p for p in found.before if p.stream in touched]
+    places = [p for p in found.before if p.stream in touched and p.p < 0.05]
+    places.sort(key=lambda p: -p.share * abs(p.z))
     return {
         "id": id,
         "title": info.title,

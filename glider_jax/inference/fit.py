@@ -17,9 +17,9 @@ from glider_jax.inference.replay import Replay
 from glider_jax.inference.streams import Gathered
 from glider_jax.records import Array
 
-#: m s-1; how far from the truth a steady glide model may be at a depth, on dives and climbs each. Published vertical
-#: water velocities claim 4 to 5 mm/s; what hysteresis of a CTD leaves after its correction is a tenth of that.
-INADEQUACY = 5e-4
+#: m s-1; how far from the truth a steady glide model may be at a depth, on dives and climbs each, and in layers where
+#: the temperature changes as fast as it does on average. Published vertical water velocities claim 4 to 5 mm/s.
+INADEQUACY, IN_LAYERS = 1.5e-4, 5e-4
 NODES = 4
 #: s; periods of the heaving water that are integrated out of the noise beside the library.
 TIDES = (89428.0, 44714.0, 21600.0, 14400.0)
@@ -117,23 +117,24 @@ def make_problem(gathered: Gathered, replay: Replay) -> Problem:
 
 
 def inadequacy(gathered: Gathered) -> dict[str, Array]:
-    """Columns of what a glide model may be wrong by: hats in depth and temperature, and what
-    goes with the rate of warming, on dives and on climbs each."""
+    """Columns of what a glide model may be wrong by: hats in depth, hats in temperature
+    where it changes fast, and what goes with the rate of warming, on dives and on climbs each."""
     stream = gathered.stream("vertical speed")
     if stream is None or stream.n < 50:
         return {}
     direction = stream.covariates["direction"]
     warming = stream.covariates["warming"]
-    rapid = warming / max(float(np.std(warming)), 1e-9)
+    rapid = np.clip(warming / max(float(np.sqrt(np.mean(warming**2))), 1e-9), -3.0, 3.0)
     columns = []
     for way in (-1.0, 1.0):
-        for name in ("depth", "temperature"):
+        mine = direction == way
+        for name, size in (("depth", INADEQUACY), ("temperature", IN_LAYERS * np.abs(rapid))):
             x = stream.covariates[name]
             nodes = np.quantile(x, np.linspace(0.02, 0.98, NODES))
             nodes = np.maximum.accumulate(nodes + 1e-3 * np.arange(NODES))
             for k in range(NODES):
-                columns.append(INADEQUACY * np.interp(x, nodes, np.eye(NODES)[k]) * (direction == way))
-        columns.append(INADEQUACY * np.clip(rapid, -4.0, 4.0) * (direction == way))
+                columns.append(size * np.interp(x, nodes, np.eye(NODES)[k]) * mine)
+        columns.append(IN_LAYERS * rapid * mine)
     return {stream.name: np.stack(columns, axis=1)}
 
 

@@ -78,8 +78,8 @@ class Nuisance:
 
 
 NUISANCES: tuple[Nuisance, ...] = (
-    Nuisance("inflection way", 0.15, "1", "flight", "way made good while turning, share beyond the model's"),
-    Nuisance("gauge at the surface", 0.2, "m", "power", "depth of the pressure gauge while surfaced, about 0.3 m"),
+    Nuisance("inflection way", 0.06, "1", "flight", "way made good while turning, share beyond the model's"),
+    Nuisance("gauge at the surface", 0.1, "m", "power", "depth of the pressure gauge while surfaced, about 0.3 m"),
     Nuisance("turn", 3.0, "m", "power", "how far a dive runs past the depth at which it was told to turn"),
     Nuisance("stay", 150.0, "s", "power", "time at the surface beyond the plan"),
     Nuisance("open circuit", 0.05, "V", "power", "open-circuit voltage against the pack's curve"),

@@ -10,15 +10,14 @@ from glider_jax.config import Battery, Quantity, Vehicle
 from glider_jax.environment import seawater
 from glider_jax.records import Recording, Source
 
+TURN = 0.8  # m that a turn runs past the depth at which it is told to begin
 STEP, MASS, AREA, CD0, CD1, LIFT = 8.0, 52.0, 0.1, 0.15, 10.5, 7.5
 LATITUDE, LONGITUDE = 39.0, -73.0
 METRE = 180.0 / math.pi / 6_371_000.0
 
 
 _DEPTHS = np.linspace(0.0, 100.0, 21)
-_DENSITIES = seawater.density(
-    35.0, 10.0, seawater.pressure_dbar_from_depth(_DEPTHS, math.radians(LATITUDE))
-)
+_DENSITIES = seawater.density(35.0, 10.0, seawater.pressure_dbar_from_depth(_DEPTHS, math.radians(LATITUDE)))
 
 
 def vehicle() -> Vehicle:
@@ -87,14 +86,14 @@ def fly(
     data = {key: np.full(n, np.nan) for key in keys}
     fix = np.full((n, 2), np.nan)
     z, w, u, volume, phase = 0.3, 0.0, 0.0, 230e-6, "up"
-    pitch, east, north, charge, until, dived = math.radians(26.0), 0.0, 0.0, 0.0, 600.0, 0.0
+    pitch, east, north, charge, until, dived, turned = math.radians(26.0), 0.0, 0.0, 0.0, 600.0, 0.0, 60.0
     for k in range(n):
         t = k * STEP
         before = volume
         if phase == "up" and t >= until:
             phase, dived = "dive", t
         elif phase == "dive" and z >= 60.0:
-            phase = "climb"
+            phase, turned = "climb", z + TURN
         elif phase == "climb" and z <= 3.0 and t - dived < 10800.0:
             phase = "dive"
         elif phase == "climb" and z <= 0.4:
@@ -118,7 +117,7 @@ def fly(
         moved = abs(volume - before)
         energy = STEP * (1.1 + (2.5 if phase == "up" else 0.0) + (dive_load if phase == "dive" else 0.0))
         if moved > 0.0 and phase in ("dive", "climb"):
-            stroke = 110.0 + 6.0 * 61.6 if phase == "climb" else 85.0
+            stroke = 110.0 + 6.0 * turned if phase == "climb" else 85.0
             energy += (stroke + 45.0) * moved / 460e-6
         volts = 15.0 - 4.0 * 15.0 * charge / 7.5e6
         charge += energy / volts
