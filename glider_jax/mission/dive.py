@@ -182,7 +182,7 @@ def plan_dive(member, plan: Plan, shape: Shape, env: Environment, legs, base, st
     believed = forward * believed_ratio
 
     # A waypoint reached on the way splits the step between two headings.
-    reached = (arrival < duration) & ~comes_up | (comes_up & surfaces)
+    reached = arrival < duration
     share = jnp.where(reached & ~comes_up, arrival / duration, 1.0)
     following = jnp.where(state.leg + 1 >= shape.waypoints, 0, state.leg + 1)
     from_east = state.dr_east + (believed / duration * he1 + plan.correction * state.dac_east) * arrival * sx

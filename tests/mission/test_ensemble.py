@@ -153,6 +153,16 @@ def test_counted_yos_bring_the_glider_up(vehicle):
     assert {track.reasons[r] for r in track.surfacing_reason[0] if r >= 0} == {"yo_count"}
 
 
+def test_surfacing_by_count_on_the_last_leg_is_not_arriving(vehicle):
+    rules = (SurfaceRule("inflections", count=6), SurfaceRule("mission_done", ends_mission=True))
+    mission = make_mission(surface=rules, waypoints=((39.3, -74.0),), surface_stay=60.0)
+    run, track = fly(vehicle, mission=mission, days=2.0)
+    assert track.outcome[0] == Outcome.ARRIVED
+    # 33 km at 0.3 m/s and some surfacings take more than a day; a count of three yos is up after half an hour.
+    assert track.waypoint_time[0, 0] - track.time[0] > 1.1 * 86400.0
+    assert track.latitude[0, -1] == pytest.approx(39.3, abs=0.01)
+
+
 def test_flight_model_flies_as_fast_as_its_forces_say(vehicle):
     run = prepare(make_mission(**STRAIGHT), quiet(vehicle), speed="flight", duration=86400.0, spread=0.0, start=0.0)
     track = forecast(1, run)
