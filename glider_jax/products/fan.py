@@ -1,25 +1,37 @@
-"""The battery chart: how much charge is probably left, when, and what drew it. Everything drawn is in the summary."""
+"""The battery as one picture: charge left with its spread and the reserve, and the energy drawn by component.
+
+Drawn with the Agg canvas alone, without pyplot, because importing that costs half a second. Times are UTC.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-import matplotlib.dates as mdates
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 
+from glider_jax.products import cartography as chart
 from glider_jax.products.atomic import atomic_path
-from glider_jax.products.cartography import BLUE, GREEN, HALO, ORANGE, PURPLE, SKY, VERMILLION, YELLOW
 from glider_jax.products.summary import summarise
-from glider_jax.records import Track
+from glider_jax.products.wording import drawn
+from glider_jax.records import Array, Track
 
-_COLOURS = (BLUE, SKY, ORANGE, GREEN, PURPLE, YELLOW, VERMILLION, "#999999", "#44AA99", "#882255")
-_HATCHES = ("", "//", "..", "\\\\", "xx", "--", "oo", "++", "**", "||")
-_SMALLEST_SHARE = 0.002
+_SIZE = (11.5, 7.4)
+_LEFT, _WIDTH = 0.075, 0.60
+_COLUMN = 0.705
+# The palette of Okabe and Ito; neighbours in a stack differ in lightness as well as in hue.
+_COLOURS = (chart.BLUE, chart.ORANGE, chart.GREEN, chart.YELLOW, chart.VERMILLION, chart.SKY, chart.PURPLE)
+_OTHER = "#9A9A9A"
+_MOST_COMPONENTS = 7
+_SMALL = 0.01
 
 
 def plot_battery(
@@ -35,100 +47,197 @@ def plot_battery(
 
     Parameters
     ----------
-    track : the ensemble; used where ``summary`` is None.
+    track : the ensemble, or a sample of it where ``summary`` speaks for all.
     path : final name.
-    reserve : share of the charge (0 to 1) to mark, the summary's if None.
-    title : heading; made from the settings if None.
+    summary : from ``summarise``; made from the track if None.
+    reserve : share of the usable charge (0 to 1) drawn as the reserve; that of the summary if None.
+    title : heading; mission and vehicle of the settings if None.
     """
-    summary = summarise(track, reserve=reserve) if summary is None else summary
-    battery, settings = summary["battery"], summary["provenance"]["settings"]
-    start = datetime.fromisoformat(summary["forecast"]["start"])
-    begin = mdates.date2num(start.astimezone(UTC).replace(tzinfo=None))
-    days = begin + np.array(battery["fan"]["hours"], float) / 24.0
-    figure = Figure(figsize=(11.5, 7.4), dpi=dpi, facecolor="white")
+    if summary is None:
+        summary = summarise(track, reserve=reserve)
+    battery = summary["battery"]
+    level = battery["reserve_percent"] if reserve is None else 100.0 * reserve
+    days = (float(track.time[0]) + 3600.0 * np.asarray(battery["fan"]["hours"], float)) / 86400.0
+    figure = Figure(figsize=_SIZE, dpi=dpi, facecolor="white")
     FigureCanvasAgg(figure)
-    upper = figure.add_axes((0.075, 0.47, 0.90, 0.40))
-    lower = figure.add_axes((0.075, 0.115, 0.90, 0.28), sharex=upper)
-    _draw_fan(upper, days, battery, begin)
-    _draw_energy(lower, days, battery["energy_wh"])
-    locator = mdates.AutoDateLocator(minticks=4, maxticks=10)
-    lower.xaxis.set_major_locator(locator)
-    lower.xaxis.set_major_formatter(mdates.ConciseDateFormatter(locator))
-    lower.set_xlabel("time, UTC")
-    upper.tick_params(labelbottom=False)
-    upper.set_xlim(days[0], days[-1])
-    for axes in (upper, lower):
-        axes.grid(alpha=0.25)
-        for side in ("top", "right"):
-            axes.spines[side].set_visible(False)
-    name = title or f"Battery: {settings.get('mission', 'mission')}, {settings.get('vehicle', 'vehicle')}"
-    figure.text(0.075, 0.945, name, fontsize=15, weight="bold")
-    figure.text(0.075, 0.905, _subtitle(summary), fontsize=10.5, color="#333333")
-    figure.text(0.075, 0.025, _footer(summary), fontsize=8, color="#555555")
+    above = figure.add_axes((_LEFT, 0.445, _WIDTH, 0.435))
+    below = figure.add_axes((_LEFT, 0.085, _WIDTH, 0.30), sharex=above)
+    _draw_fan(above, days, battery, level)
+    _draw_energy(below, figure, days, battery["energy_wh"])
+    _date_axis(above, below, days)
+    _write_words(figure, summary, level, title)
     with atomic_path(path) as temporary:
-        figure.savefig(temporary, format="png")
+        figure.savefig(temporary, format="png", metadata=_metadata(summary))
     return Path(path)
 
 
-def _draw_fan(axes, days, battery, begin):
-    """Percentiles of the charge left, the reserve, and when the levels are reached."""
-    fan = {key: np.array(battery["fan"][key], float) for key in ("p05", "p25", "median", "p75", "p95")}
-    axes.fill_between(days, fan["p05"], fan["p95"], color=SKY, alpha=0.35, lw=0, label="90 % of members")
-    axes.fill_between(days, fan["p25"], fan["p75"], color=BLUE, alpha=0.45, lw=0, label="50 % of members")
-    axes.plot(days, fan["median"], color="black", lw=1.8, label="median")
-    reserve = battery["reserve_percent"]
-    axes.axhline(reserve, color=VERMILLION, lw=1.6, ls="--", label=f"reserve {reserve:g} %")
-    low = min(float(np.nanmin(fan["p05"])), reserve)
-    axes.set_ylim(max(0.0, low - 6.0) if low > 8 else 0.0, 101.0)
+def _draw_fan(axes: Axes, days: Array, battery: Mapping[str, Any], level: float) -> None:
+    """Charge left: median, and the bands of half and of nine tenths of the members."""
+    fan = {key: np.asarray(battery["fan"][key], float) for key in ("p05", "p25", "median", "p75", "p95")}
+    axes.fill_between(days, fan["p05"], fan["p95"], color=chart.SKY, alpha=0.35, linewidth=0)
+    axes.fill_between(days, fan["p25"], fan["p75"], color=chart.SKY, alpha=0.8, linewidth=0)
+    axes.plot(days, fan["median"], color=chart.BLUE, linewidth=2.0)
+    axes.axhspan(0.0, level, color=chart.VERMILLION, alpha=0.08, linewidth=0)
+    axes.axhline(level, color=chart.VERMILLION, linewidth=1.5, linestyle=(0, (6, 2)))
+    axes.annotate(
+        f"reserve {level:g} %", (0.008, level), xycoords=("axes fraction", "data"), xytext=(0, 3),
+        textcoords="offset points", color="#A04000", fontsize=9, fontweight="bold", path_effects=chart.HALO,
+    )  # fmt: skip
     for entry in battery["levels"]:
-        median = entry["within_forecast"]["hours"]["median"]
-        level = entry["charge_left_percent"]
-        if median is None or entry["probability"] < 0.5:
-            continue
-        when = begin + median / 24.0
-        axes.plot([when], [level], "o", color="black", ms=5, zorder=5)
-        text = axes.annotate(
-            f"{level:g} %: {mdates.num2date(when).strftime('%d %b %H:%MZ')}", (when, level), xytext=(8, 6),
-            textcoords="offset points", fontsize=9,
-        )  # fmt: skip
-        text.set_path_effects(HALO)
-    axes.set_ylabel("charge left, % of usable")
-    axes.legend(loc="lower left", fontsize=9, frameon=True, framealpha=0.9)
+        _draw_level(axes, days, entry)
+    axes.set_ylim(0.0, 102.0)
+    axes.set_ylabel("usable charge left (%)", fontsize=10)
+    axes.legend(
+        handles=[
+            Line2D([], [], color=chart.BLUE, linewidth=2.0, label="median"),
+            Patch(color=chart.SKY, alpha=0.9, linewidth=0, label="25 to 75 % of members"),
+            Patch(color=chart.SKY, alpha=0.4, linewidth=0, label="5 to 95 % of members"),
+        ],
+        loc="lower left", bbox_to_anchor=(0.0, max(level, 4.0) / 102.0 + 0.06), fontsize=8.5, framealpha=0.9,
+    )  # fmt: skip
 
 
-def _draw_energy(axes, days, energy):
-    """Mean energy drawn by component, stacked; components too small to see are added up."""
-    series = {name: np.array(values, float) for name, values in energy.items()}
-    total = sum(v[-1] for v in series.values()) or 1.0
-    shown = {n: v for n, v in series.items() if v[-1] >= _SMALLEST_SHARE * total}
-    rest = [v for n, v in series.items() if n not in shown]
-    if rest and sum(v[-1] for v in rest) > 0:
-        shown["other"] = np.sum(rest, axis=0)
-    stacks = axes.stackplot(
-        days, *shown.values(), colors=_COLOURS[: len(shown)], labels=[f"{n}, {v[-1]:.0f} Wh" for n, v in shown.items()]
-    )
-    for area, hatch in zip(stacks, _HATCHES, strict=False):
-        area.set_hatch(hatch)
-        area.set_edgecolor("white")
-        area.set_linewidth(0.4)
-    axes.set_ylabel("energy drawn, Wh (mean)")
-    axes.set_ylim(0.0, None)
-    axes.legend(loc="upper left", fontsize=9, ncols=2, framealpha=0.9)
+def _draw_level(axes: Axes, days: Array, entry: Mapping[str, Any]) -> None:
+    """When a level is reached within the forecast: a bar over nine tenths of the members, a dot at the median."""
+    hours = entry["within_forecast"]["hours"]
+    if hours["p05"] is None:
+        return
+    level = entry["charge_left_percent"]
+    low = days[0] + hours["p05"] / 24.0
+    # Where fewer members than 95 % reach it, the bar runs out of the picture.
+    high = days[-1] if hours["p95"] is None else days[0] + hours["p95"] / 24.0
+    axes.plot([low, high], [level, level], color="black", linewidth=2.2, solid_capstyle="butt", zorder=4)
+    if hours["median"] is not None:
+        axes.plot(days[0] + hours["median"] / 24.0, level, "o", color="black", markersize=6, zorder=5)
+    axes.annotate(f"{level:g} %", (low, level), xytext=(-4, 0), textcoords="offset points", ha="right", va="center",
+                  fontsize=8, path_effects=chart.HALO)  # fmt: skip
 
 
-def _subtitle(summary):
-    forecast, risks = summary["forecast"], summary["risks"]
-    rate = summary["rates"]["wh_per_day"]["total"]
-    words = [f"{forecast['horizon_h'] / 24.0:.1f} days from {forecast['start'][:16].replace('T', ' ')}Z"]
-    words.append(f"{forecast['members']:,} members")
-    if rate["median"] is not None:
-        words.append(f"{rate['median']:.0f} Wh per day (90 %: {rate['p05']:.0f} to {rate['p95']:.0f})")
-    if risks["above_reserve_at_end"] is not None:
-        words.append(f"ends above reserve: {100 * risks['above_reserve_at_end']:.0f} %")
-    return " · ".join(words)
+def grouped(energy: Mapping[str, list[float]]) -> list[tuple[str, Array]]:
+    """Components by falling energy at the end; those beyond the seventh or below 1 % are joined as "other"."""
+    series = {name: np.asarray(values, float) for name, values in energy.items()}
+    order = sorted(series, key=lambda name: -series[name][-1])
+    total = sum(values[-1] for values in series.values())
+    large = [name for name in order if series[name][-1] >= _SMALL * total and series[name][-1] > 0.0]
+    kept = large[:_MOST_COMPONENTS] if len(large) > _MOST_COMPONENTS else large
+    small = [name for name in order if name not in kept and np.any(series[name] > 0.0)]
+    found = [(name, series[name]) for name in kept]
+    if len(small) == 1 and len(kept) < _MOST_COMPONENTS:
+        found.append((small[0], series[small[0]]))
+    elif small:
+        found.append((f"other ({len(small)})", sum(series[name] for name in small)))
+    return found
 
 
-def _footer(summary):
+def _draw_energy(axes: Axes, figure: Figure, days: Array, energy: Mapping[str, list[float]]) -> None:
+    """Mean energy drawn since the start, stacked by component, largest at the bottom."""
+    parts = grouped(energy)
+    axes.set_ylabel("mean energy drawn (Wh)", fontsize=10)
+    if not parts:
+        axes.text(0.5, 0.5, "no energy was drawn", ha="center", va="center", transform=axes.transAxes)
+        return
+    colours = [_OTHER if name.startswith("other (") else _COLOURS[k] for k, (name, _) in enumerate(parts)]
+    axes.stackplot(days, *(values for _, values in parts), colors=colours, edgecolor="white", linewidth=0.6)
+    total = sum(values[-1] for _, values in parts)
+    axes.set_ylim(0.0, max(1.05 * float(max(sum(v for _, v in parts))), 1e-9))
+    handles = [
+        Patch(color=colour, linewidth=0, label=drawn(f"{name}: {values[-1]:.3g} Wh ({values[-1] / total:.0%})"))
+        for colour, (name, values) in zip(colours, parts, strict=True)
+    ]
+    figure.legend(
+        handles=handles[::-1], loc="upper left", bbox_to_anchor=(_COLUMN - 0.008, 0.387), fontsize=9,
+        frameon=False, title=f"Drawn by the end: {total:.4g} Wh", title_fontproperties={"weight": "bold", "size": 9.5},
+        alignment="left",
+    )  # fmt: skip
+
+
+def _date_axis(above: Axes, below: Axes, days: Array) -> None:
+    end = days[-1] if days[-1] > days[0] else days[0] + 1.0 / 24.0
+    above.set_xlim(days[0], end)
+    locator = AutoDateLocator(minticks=4, maxticks=9)
+    below.xaxis.set_major_locator(locator)
+    below.xaxis.set_major_formatter(ConciseDateFormatter(locator, tz="UTC"))
+    below.set_xlabel("time (UTC)", fontsize=10)
+    for axes in (above, below):
+        axes.tick_params(labelsize=9)
+        axes.grid(True, color="#5A6B78", alpha=0.2, linewidth=0.5)
+        axes.set_axisbelow(True)
+        for side in ("top", "right"):
+            axes.spines[side].set_visible(False)
+    above.tick_params(labelbottom=False)
+
+
+def _write_words(figure: Figure, summary: Mapping[str, Any], level: float, title: str | None) -> None:
+    """Heading, the dates of the levels, the rates, and what the picture was made from."""
+    battery, risks, rates = summary["battery"], summary["risks"], summary["rates"]
+    figure.text(_LEFT, 0.945, drawn(title or _title(summary)), fontsize=15, fontweight="bold", va="bottom")
+    figure.text(_LEFT, 0.910, _span(summary["forecast"]), fontsize=10.5, va="bottom", color="#333333")
+    left = battery["charge_left_percent"]
+    above = risks["above_reserve_at_end"]
+    lines = [("Charge left at the end", True)]
+    lines.append((f"{left['median']:.1f} %   (90 %: {left['p05']:.1f} to {left['p95']:.1f} %)", False))
+    if above is not None and level == battery["reserve_percent"]:
+        lines.append((f"above the reserve: {above:.1%} of members", False))
+    lines.append(("", False))
+    for entry in battery["levels"]:
+        name = f"{entry['charge_left_percent']:g} % left"
+        lines.append((name + (" (reserve)" if entry["is_reserve"] else ""), True))
+        lines += [(text, False) for text in level_lines(entry)]
+    lines.append(("", False))
+    wh, ah = rates["wh_per_day"]["total"], rates["ah_per_day"]["total"]
+    if wh["median"] is not None:
+        lines.append(("Mean draw per day", True))
+        lines.append((f"{wh['median']:.3g} Wh   (90 %: {wh['p05']:.3g} to {wh['p95']:.3g})", False))
+        lines.append((f"{ah['median']:.3g} Ah   (90 %: {ah['p05']:.3g} to {ah['p95']:.3g})", False))
+    y = 0.88
+    for text, bold in lines:
+        figure.text(_COLUMN, y, text, fontsize=9.2, va="top", fontweight="bold" if bold else "normal")
+        y -= 0.0225 if text else 0.012
     made = summary["provenance"]
-    members = "members that ended keep their last value"
-    return f"glider_jax {made['version']} · seed {made['seed']} · made {made['created']} · {members}"
+    caption = (
+        f"glider_jax {made['version']} · seed {made['seed']} · made {made['created']} · "
+        "a member that ended keeps its last charge · dates beyond the forecast: its mean draw goes on"
+    )
+    figure.text(_LEFT, 0.012, drawn(caption), fontsize=7.5, color="#555555", va="bottom")
+
+
+def level_lines(entry: Mapping[str, Any]) -> list[str]:
+    """When a charge level is reached, in words: within the forecast where enough members reach it, else beyond."""
+    within, beyond = entry["within_forecast"]["time"], entry["extrapolated"]["time"]
+    lines = []
+    if entry["probability"] > 0.0:
+        lines.append(f"within the forecast: {entry['probability']:.1%} of members")
+    known, note = (within, "") if within["median"] else (beyond, " (extrapolated)")
+    if not known["median"]:
+        return [*lines, "date not known: nothing was drawn"]
+    lines.append(f"{_day(known['median'])}{note}")
+    lines.append(f"90 %: {_day(known['p05'])} to {_day(known['p95'] or beyond['p95'])}")
+    return lines
+
+
+def _day(time: str | None) -> str:
+    """``2012-10-25T03:00:00Z`` as ``25 Oct 2012``."""
+    return datetime.fromisoformat(time).strftime("%d %b %Y") if time else "not known"
+
+
+def _title(summary: Mapping[str, Any]) -> str:
+    settings = summary["provenance"]["settings"]
+    names = [str(settings[key]) for key in ("mission", "vehicle") if settings.get(key)]
+    return "Battery: " + ", ".join(names) if names else "Battery forecast"
+
+
+def _span(forecast: Mapping[str, Any]) -> str:
+    """How long, from when, how many members, and whether that is all."""
+    hours = forecast["horizon_h"]
+    span = f"{hours:g} h" if hours < 96 else f"{hours / 24:.4g} days"
+    partial = "" if forecast["complete"] else " · PARTIAL, the run was interrupted"
+    return f"{span} from {forecast['start'][:16].replace('T', ' ')}Z · {forecast['members']:,} members{partial}"
+
+
+def _metadata(summary: Mapping[str, Any]) -> dict[str, str]:
+    made = summary["provenance"]
+    return {
+        "Software": f"glider_jax {made['version']}",
+        "Title": "Glider battery forecast",
+        "Description": f"seed {made['seed']}, {summary['forecast']['members']} members, {made['created']}",
+    }

@@ -13,7 +13,8 @@ import numpy as np
 from glider_jax.errors import DataError
 from glider_jax.products.atomic import write_text
 from glider_jax.products.measures import NamedPolygon
-from glider_jax.products.shapes import lines, multipolygon
+from glider_jax.products.shapes import box_shape, median_line
+from glider_jax.products.wording import one_line
 from glider_jax.records import Track
 
 _LONGEST_NAME = 120
@@ -21,7 +22,12 @@ _LONGEST_NAME = 120
 
 def write_geojson(track: Track, summary: Mapping[str, Any], path: str | Path) -> Path:
     """Write waypoints, median track, regions, next surfacings and boxes as one feature collection."""
-    features = [*_places(summary), *_regions(summary), *_boxes(summary), _median_track(track)]
+    features = [
+        *_places(summary),
+        *_regions(summary),
+        *_boxes(summary),
+        _feature(median_line(track), kind="median track", members=track.n),
+    ]
     collection = {
         "type": "FeatureCollection",
         "features": features,
@@ -70,23 +76,9 @@ def _boxes(summary):
         box = entry["ninety"]
         if box is None:
             continue
-        west, east = box["west"], box["east"]
-        east = east + 360.0 if east < west else east
-        ring = np.array([[west, box["south"]], [east, box["south"]], [east, box["north"]], [west, box["north"]]])
-        ring = np.concatenate([ring, ring[:1]])
         yield _feature(
-            multipolygon(((ring,),)), kind="box", from_h=entry["from_h"], to_h=entry["to_h"], until=entry["until"]
-        )
-
-
-def _median_track(track: Track) -> dict[str, Any]:
-    """Median position of the members at each output time, ended members at their last place."""
-    longitude = np.unwrap(np.asarray(track.longitude, float), period=360.0, axis=1)
-    longitude = longitude[:1, :1] + (longitude - longitude[:1, :1] + 180.0) % 360.0 - 180.0
-    return _feature(
-        lines(np.median(longitude, axis=0), np.median(track.latitude, axis=0)),
-        kind="median track", members=track.n,
-    )  # fmt: skip
+            box_shape(box), kind="box", from_h=entry["from_h"], to_h=entry["to_h"], until=entry["until"]
+        )  # fmt: skip
 
 
 def read_polygons(path: str | Path) -> tuple[NamedPolygon, ...]:
@@ -102,17 +94,18 @@ def read_polygons(path: str | Path) -> tuple[NamedPolygon, ...]:
     """
     path = Path(path)
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise DataError(f"{path}: expected a GeoJSON file, found none that can be read ({error.strerror}).") from error
     except (ValueError, RecursionError) as error:
         raise DataError(f"{path}: expected GeoJSON, found something else ({error}). Check the file.") from error
-    found = tuple(_polygons(content, path, ""))
+    try:
+        found = tuple(_polygons(content, path, ""))
+    except RecursionError as error:
+        raise DataError(f"{path}: expected areas, found collections nested too deeply. Simplify the file.") from error
     if not found:
         raise DataError(f"{path}: expected at least one Polygon or MultiPolygon, found none. Draw an area.")
-    return tuple(
-        NamedPolygon(item.name or f"area {number}", item.rings) for number, item in enumerate(found, start=1)
-    )
+    return tuple(NamedPolygon(item.name or f"area {number}", item.rings) for number, item in enumerate(found, start=1))
 
 
 def _polygons(node, path, name):
@@ -120,16 +113,17 @@ def _polygons(node, path, name):
         raise DataError(f"{path}: expected a GeoJSON object, found {type(node).__name__}. Check the file.")
     kind = node.get("type")
     if kind == "FeatureCollection":
-        for feature in node.get("features") or ():
+        for feature in _members(node, "features", path):
             yield from _polygons(feature, path, "")
     elif kind == "Feature":
         properties = node.get("properties") or {}
         named = properties.get("name") if isinstance(properties, dict) else None
         label = named if named is not None else node.get("id", "")
         if node.get("geometry"):
-            yield from _polygons(node["geometry"], path, _clean(label))
+            known = isinstance(label, str | int | float)
+            yield from _polygons(node["geometry"], path, one_line(label, _LONGEST_NAME) if known else "")
     elif kind == "GeometryCollection":
-        for geometry in node.get("geometries") or ():
+        for geometry in _members(node, "geometries", path):
             yield from _polygons(geometry, path, name)
     elif kind == "Polygon":
         yield NamedPolygon(name, _rings([node.get("coordinates")], path))
@@ -137,6 +131,14 @@ def _polygons(node, path, name):
         yield NamedPolygon(name, _rings(node.get("coordinates"), path))
     elif kind not in ("Point", "MultiPoint", "LineString", "MultiLineString"):
         raise DataError(f"{path}: expected a GeoJSON type, found {kind!r}. Check the file.")
+
+
+def _members(node, key, path):
+    """The list under ``key`` of a collection."""
+    found = node.get(key) or []
+    if not isinstance(found, list):
+        raise DataError(f"{path}: expected a list as '{key}', found {type(found).__name__}. Check the file.")
+    return found
 
 
 def _rings(polygons, path):
@@ -151,15 +153,10 @@ def _rings(polygons, path):
                 if not math.isclose(float(np.abs(points[0] - points[-1]).max()), 0.0, abs_tol=1e-9):
                     points = np.concatenate([points, points[:1]])
                 rings.append(points)
-    except (TypeError, ValueError, IndexError, KeyError) as error:
+    except (TypeError, ValueError, IndexError, KeyError, OverflowError) as error:
         raise DataError(
             f"{path}: expected rings of [longitude, latitude] in degrees, found {error}. Check the coordinates."
         ) from error
     if not rings:
         raise DataError(f"{path}: expected a polygon with a ring, found an empty one. Check the file.")
     return tuple(rings)
-
-
-def _clean(name: Any) -> str:
-    """A name on one line, without control characters, of bounded length."""
-    return "".join(c if c.isprintable() else " " for c in str(name)).strip()[:_LONGEST_NAME]

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import io
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from html import escape as escape_html
 from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import escape
 
-import numpy as np
-
 from glider_jax.products.atomic import atomic_path
-from glider_jax.products.coordinates import iso_time, place_text, wrap_longitude
+from glider_jax.products.coordinates import iso_time, place_text
+from glider_jax.products.shapes import box_shape, median_line
+from glider_jax.products.wording import one_line
 from glider_jax.records import Track
 
 # Colours are written alpha, blue, green, red.
@@ -46,7 +47,7 @@ def kml_text(track: Track, summary: Mapping[str, Any]) -> str:
     settings = summary["provenance"]["settings"]
     name = f"Forecast {settings.get('mission', '')} {summary['forecast']['start'][:16]}Z"
     parts = ['<?xml version="1.0" encoding="UTF-8"?>', '<kml xmlns="http://www.opengis.net/kml/2.2"><Document>']
-    parts.append(f"<name>{escape(name)}</name>")
+    parts.append(f"<name>{escape(one_line(name))}</name>")
     for style, (line, fill, width) in _STYLES.items():
         parts.append(
             f'<Style id="{style}"><LineStyle><color>{line}</color><width>{width}</width></LineStyle>'
@@ -65,10 +66,12 @@ def kml_text(track: Track, summary: Mapping[str, Any]) -> str:
     return "\n".join(parts) + "\n"
 
 
-def _mark(name: str, description: str, geometry: str, *, style: str = "", span: str = "") -> str:
+def _mark(name: str, lines: Sequence[str], geometry: str, *, style: str = "", span: str = "") -> str:
+    """A placemark; viewers take its description for HTML, so its lines are escaped for that first."""
+    description = "<br/>".join(escape_html(one_line(line)) for line in lines)
     link = f"<styleUrl>#{style}</styleUrl>" if style else ""
     return (
-        f"<Placemark><name>{escape(name)}</name><description>{escape(description)}</description>{span}{link}"
+        f"<Placemark><name>{escape(one_line(name))}</name><description>{escape(description)}</description>{span}{link}"
         f"{geometry}</Placemark>"
     )
 
@@ -83,30 +86,45 @@ def _span(begin: str | None, end: str | None) -> str:
     return f"<TimeSpan><begin>{escape(begin)}</begin><end>{escape(end)}</end></TimeSpan>"
 
 
-def _geometry(geometry) -> str:
-    """A GeoJSON multipolygon as KML."""
-    polygons = geometry["coordinates"] if geometry["type"] == "MultiPolygon" else [geometry["coordinates"]]
+def _area(geometry) -> str:
+    """A GeoJSON MultiPolygon as KML."""
     parts = []
-    for rings in polygons:
+    for rings in geometry["coordinates"]:
         edges = []
         for k, ring in enumerate(rings):
             tag = "outerBoundaryIs" if k == 0 else "innerBoundaryIs"
-            points = " ".join(f"{x:.6f},{y:.6f},0" for x, y in ring)
-            edges.append(f"<{tag}><LinearRing><coordinates>{points}</coordinates></LinearRing></{tag}>")
+            edges.append(f"<{tag}><LinearRing>{_coordinates(ring)}</LinearRing></{tag}>")
         parts.append(f"<Polygon><tessellate>1</tessellate>{''.join(edges)}</Polygon>")
     return f"<MultiGeometry>{''.join(parts)}</MultiGeometry>"
 
 
-def _words(place, *lines: str) -> str:
-    return "\n".join([place["text"], f"{place['latitude']:.5f}, {place['longitude']:.5f}", *lines])
+def _line(geometry) -> str:
+    """A GeoJSON line, whole or in pieces, as KML."""
+    whole = geometry["type"] == "LineString"
+    pieces = [geometry["coordinates"]] if whole else geometry["coordinates"]
+    parts = [f"<LineString><tessellate>1</tessellate>{_coordinates(piece)}</LineString>" for piece in pieces]
+    return parts[0] if len(parts) == 1 else f"<MultiGeometry>{''.join(parts)}</MultiGeometry>"
+
+
+def _coordinates(points) -> str:
+    return f"<coordinates>{' '.join(f'{x:.6f},{y:.6f},0' for x, y in points)}</coordinates>"
+
+
+def _words(place, *lines: str) -> list[str]:
+    return [place["text"], f"{place['latitude']:.5f}, {place['longitude']:.5f}", *lines]
+
+
+def _dates(time) -> str:
+    """Median and 90 % interval of an event."""
+    return f"{time['median']} (90 %: {time['p05']} to {time['p95']})" if time["median"] else "not reached"
 
 
 def _regions(entry, title, span) -> Iterator[str]:
     for region in entry["regions"]:
         percent = round(100 * region["probability"])
         style = "region50" if percent <= 50 else "region90"
-        text = f"{percent} % region, {region['area_km2']:.2f} km2"
-        yield _mark(f"{title}: {percent} %", text, _geometry(region["geometry"]), style=style, span=span)
+        lines = [f"{percent} % region, {region['area_km2']:.2f} km²"]
+        yield _mark(f"{title}: {percent} %", lines, _area(region["geometry"]), style=style, span=span)
 
 
 def _surfacings(summary) -> Iterator[str]:
@@ -117,8 +135,8 @@ def _surfacings(summary) -> Iterator[str]:
         span = _span(time["p05"], time["p95"])
         title = f"Surfacing {entry['number']}"
         words = _words(
-            entry["place"], f"{time['median']} (90 %: {time['p05']} to {time['p95']})",
-            f"probability {100 * entry['probability']:.0f} %",
+            entry["place"], _dates(time), f"probability {100 * entry['probability']:.0f} %",
+            *(f"{item['reason']}: {100 * item['probability']:.0f} %" for item in entry["reasons"]),
         )  # fmt: skip
         yield _mark(title, words, _point(entry["place"]), span=span)
         yield from _regions(entry, title, span)
@@ -136,9 +154,7 @@ def _positions(summary) -> Iterator[str]:
 
 def _waypoints(summary) -> Iterator[str]:
     for entry in summary["waypoints"]:
-        words = _words(
-            entry["place"], f"reached by {100 * entry['probability']:.0f} %", f"median {entry['time']['median']}"
-        )
+        words = _words(entry["place"], f"reached by {100 * entry['probability']:.0f} %", _dates(entry["time"]))
         yield _mark(f"Waypoint {entry['number']}", words, _point(entry["place"]))
 
 
@@ -147,20 +163,13 @@ def _boxes(summary) -> Iterator[str]:
         box = entry["ninety"]
         if box is None:
             continue
-        corners = [("west", "south"), ("east", "south"), ("east", "north"), ("west", "north"), ("west", "south")]
-        ring = [[box[x], box[y]] for x, y in corners]
-        yield _mark(
-            f"{entry['from_h']:g} to {entry['to_h']:g} h", f"until {entry['until']}",
-            _geometry({"type": "MultiPolygon", "coordinates": [[ring]]}), style="box",
-        )  # fmt: skip
+        title = f"{entry['from_h']:g} to {entry['to_h']:g} h"
+        yield _mark(title, [f"until {entry['until']}"], _area(box_shape(box)), style="box")
 
 
 def _track(track: Track) -> Iterator[str]:
-    longitude = track.longitude[:1, :1] + wrap_longitude(track.longitude - track.longitude[:1, :1])
-    middle = wrap_longitude(np.median(longitude, axis=0))
-    latitude = np.median(track.latitude, axis=0)
-    points = " ".join(f"{x:.6f},{y:.6f},0" for x, y in zip(middle, latitude, strict=True))
-    line = f"<LineString><tessellate>1</tessellate><coordinates>{points}</coordinates></LineString>"
+    line = median_line(track)
+    points = line["coordinates"] if line["type"] == "LineString" else sum(line["coordinates"], [])
     begin, end = iso_time(float(track.time[0])), iso_time(float(track.time[-1]))
-    words = f"{place_text(latitude[0], middle[0])} to {place_text(latitude[-1], middle[-1])}"
-    yield _mark("Median of the members", words, line, style="track", span=_span(begin, end))
+    ends = [place_text(latitude, longitude) for longitude, latitude in (points[0], points[-1])]
+    yield _mark("Median of the members", [" to ".join(ends)], _line(line), style="track", span=_span(begin, end))

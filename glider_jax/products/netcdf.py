@@ -99,6 +99,7 @@ class NetcdfWriter:
 
         Blocks share times, components, reasons, waypoints and the number of columns for surfacings.
         """
+        block = with_surfacing(block)
         if self._dataset is None:
             self._create(block)
         here = slice(self.count, self.count + block.n)
@@ -188,6 +189,15 @@ class NetcdfWriter:
         )
         variable.setncatts(column.attributes)
         return variable
+
+
+def with_surfacing(block: Track) -> Track:
+    """The block, or one with an empty column for surfacings where it has none: netCDF dimensions are not empty."""
+    if block.surfacing_time.shape[1]:
+        return block
+    nothing = np.full((block.n, 1), np.nan)
+    names = [f"{event}_{part}" for event in ("surfacing", "dive") for part in ("time", "latitude", "longitude")]
+    return replace(block, surfacing_reason=np.full((block.n, 1), -1, np.int8), **dict.fromkeys(names, nothing))
 
 
 def take_none(track: Track) -> Track:

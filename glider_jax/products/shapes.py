@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from glider_jax.products.coordinates import wrap_longitude
+from glider_jax.products.coordinates import unwrap_longitude, wrap_longitude
 from glider_jax.products.regions import Region
-from glider_jax.records import Array
+from glider_jax.records import Array, Track
 
 DIGITS = 6
 
@@ -58,11 +59,7 @@ def multipolygon(polygons: tuple[tuple[Array, ...], ...]) -> dict[str, Any]:
         for part in parts:
             if len(part[0]) >= 4:
                 coordinates.append(
-                    [
-                        _points(oriented(r, counter_clockwise=k == 0))
-                        for k, r in enumerate(part)
-                        if len(r) >= 4
-                    ]
+                    [_points(oriented(r, counter_clockwise=k == 0)) for k, r in enumerate(part) if len(r) >= 4]
                 )
     return {"type": "MultiPolygon", "coordinates": coordinates}
 
@@ -84,6 +81,20 @@ def lines(longitude: Array, latitude: Array) -> dict[str, Any]:
     if len(rounded) == 1:
         return {"type": "LineString", "coordinates": rounded[0]}
     return {"type": "MultiLineString", "coordinates": rounded}
+
+
+def box_shape(box: Mapping[str, float]) -> dict[str, Any]:
+    """A box as a GeoJSON MultiPolygon; one whose west lies beyond its east crosses the antimeridian."""
+    west, south, north = box["west"], box["south"], box["north"]
+    east = box["east"] + 360.0 if box["east"] < west else box["east"]
+    ring = np.array([[west, south], [east, south], [east, north], [west, north], [west, south]])
+    return multipolygon(((ring,),))
+
+
+def median_line(track: Track) -> dict[str, Any]:
+    """Median place of the members at each output time, ended members at their last one, as a GeoJSON line."""
+    longitude = unwrap_longitude(track.longitude, float(track.longitude[0, 0]))
+    return lines(np.median(longitude, axis=0), np.median(track.latitude, axis=0))
 
 
 def region_entry(region: Region) -> dict[str, Any]:

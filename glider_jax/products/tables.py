@@ -9,6 +9,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from glider_jax.products.wording import one_line
+
 
 def print_summary(summary: Mapping[str, Any], console: Console) -> None:
     """Print a forecast's summary.
@@ -35,7 +37,7 @@ def print_summary(summary: Mapping[str, Any], console: Console) -> None:
     if summary["notes"]:
         console.print("Notes", style="bold")
         for note in summary["notes"]:
-            console.print(f"- {escape(str(note))}", soft_wrap=not console.is_terminal, highlight=False)
+            console.print(f"- {_plain(note)}", soft_wrap=not console.is_terminal, highlight=False)
 
 
 def _table(title: str, *columns: str) -> Table:
@@ -59,7 +61,7 @@ def _surfacings(summary) -> Table:
         reason = entry["reasons"][0] if entry["reasons"] else None
         why = f"{reason['reason'].replace('_', ' ')} {100 * reason['probability']:.0f} %" if reason else ""
         sure = f"prob. {100 * entry['probability']:.0f} %"
-        table.add_row("", sure, escape(why), f"{place['latitude']:.5f} {place['longitude']:.5f}", "", style="dim")
+        table.add_row("", sure, _plain(why), f"{place['latitude']:.5f} {place['longitude']:.5f}", "", style="dim")
     return table
 
 
@@ -76,14 +78,20 @@ def _waypoints(summary) -> Table:
 
 def _rates(summary) -> Table:
     rates = summary["rates"]
-    table = _table("Per day", "", "median", "5 %", "95 %")
-    rows = [("km over ground", rates["km_per_day"]["over_ground"], 1)]
-    rows.append(("km through water", rates["km_per_day"]["through_water"], 1))
-    rows.append(("Ah", rates["ah_per_day"]["total"], 2))
-    rows.append(("Wh", rates["wh_per_day"]["total"], 1))
-    rows += [(f"  Wh {escape(name)}", v, 1) for name, v in rates["wh_per_day"]["by_component"].items() if v["mean"]]
-    for name, values, digits in rows:
-        table.add_row(name, *(_number(values[key], digits) for key in ("median", "p05", "p95")))
+    wh, ah = rates["wh_per_day"], rates["ah_per_day"]
+    table = _table("Per day", "", "median", "5 %", "95 %", "median Ah")
+
+    def add(name, values, digits, charge=None) -> None:
+        numbers = (_number(values[key], digits) for key in ("median", "p05", "p95"))
+        table.add_row(name, *numbers, "" if charge is None else _number(charge["median"], 2))
+
+    add("km over ground", rates["km_per_day"]["over_ground"], 1)
+    add("km through water", rates["km_per_day"]["through_water"], 1)
+    add("Ah", ah["total"], 2)
+    add("Wh", wh["total"], 1, ah["total"])
+    for name, values in wh["by_component"].items():
+        if values["mean"]:
+            add(f"  Wh {_plain(name)}", values, 1, ah["by_component"][name])
     return table
 
 
@@ -125,7 +133,20 @@ def _risks(summary, console: Console) -> None:
     words = [f"{text} {100 * risks[key]:.1f} %" for key, text in names.items() if risks.get(key) is not None]
     console.print("Probabilities: " + ", ".join(words), highlight=False, soft_wrap=not console.is_terminal)
     for area in summary["areas"]:
-        console.print(f"Enters {escape(str(area['name']))}: {100 * area['probability']:.1f} %", highlight=False)
+        console.print(
+            f"Enters {_plain(area['name'])}: {100 * area['probability']:.1f} %{_entry(area)}", highlight=False
+        )
+
+
+def _plain(text: object) -> str:
+    """Text from files, with nothing in it that a terminal or rich takes for a command."""
+    return escape(one_line(text, 2000))
+
+
+def _entry(area: Mapping[str, Any]) -> str:
+    """When an area is entered, as far as it is."""
+    time = area.get("time")
+    return f", first at {_short(time['median'])} (90 %: {_interval(time)})" if time and time["median"] else ""
 
 
 def _short(time: str | None) -> str:
