@@ -177,16 +177,16 @@ def _vehicle_warnings(found: Finding) -> list[str]:
         if entry["kind"] == "calibration" and abs(entry["sigmas_away"] or 0.0) > FAR:
             said.append(
                 f"The vehicle file gives {entry['name']} = {entry['given']:g} +- {entry['sigma']:g}; this recording "
-                f"asks for {entry['fitted']:g}, {abs(entry['sigmas_away']):.0f} sigma away. Check that the file is this "
-                "glider's."
+                f"asks for {entry['fitted']:g}, {abs(entry['sigmas_away']):.0f} sigma away. Check that the file is "
+                "this glider's."
             )
     stream = found.gathered.stream("vertical speed")
     if stream is not None and "vertical speed" in found.whitened:
         left = found.whitened["vertical speed"][0]
         if np.sqrt(np.mean(left**2)) > 0.05:
             said.append(
-                f"The base model misses the vertical speed by {100.0 * np.sqrt(np.mean(left**2)):.1f} cm/s rms even "
-                "after calibration: a wrong vehicle file is likelier than left-out physics. Check it before reading on."
+                f"The base model misses the vertical speed by {100.0 * np.sqrt(np.mean(left**2)):.1f} cm/s rms "
+                "even after calibration: a wrong vehicle file is likelier than left-out physics. Check it before reading on."
             )
     return said
 
@@ -203,9 +203,7 @@ def _quality(found: Finding) -> list[str]:
     for noise in found.search.problem.noises:
         wild = int((noise.inflation > 4.0).sum())
         if wild > 0.02 * noise.inflation.size + 2:
-            said.append(
-                f"{wild} of {noise.inflation.size} values of {noise.names[0]} are far off and count for little."
-            )
+            said.append(f"{wild} of {noise.inflation.size} values of {noise.names[0]} are far off and count little.")
     said += regime_changes(found.recording)
     if "vertical speed" in found.whitened:
         legs = corrupt_legs(found.gathered, found.whitened["vertical speed"][1])
@@ -283,7 +281,14 @@ def _stream(found: Finding, name: str) -> dict[str, Any]:
     return {
         "name": name, "unit": stream.shown, "n": stream.n, "rms_before": number(factor * np.sqrt(np.mean(before**2))),
         "rms_after": number(factor * np.sqrt(np.mean(after**2))), "noise": sizes,
+        "onset": _onset(stream, before),
     }  # fmt: skip
+
+
+def _onset(stream: Any, before: Any) -> dict[str, Any] | None:
+    """Day on which the level of a residual changes most, where it surely does."""
+    day, z = locate.onset(stream, before / max(float(np.std(before)), 1e-30))
+    return {"day": number(day), "z": number(z)} if z > 6.0 else None
 
 
 def _held_out(found: Finding) -> dict[str, Any]:
