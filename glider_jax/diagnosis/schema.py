@@ -186,7 +186,7 @@ def _vehicle_warnings(found: Finding) -> list[str]:
         if np.sqrt(np.mean(left**2)) > 0.05:
             said.append(
                 f"The base model misses the vertical speed by {100.0 * np.sqrt(np.mean(left**2)):.1f} cm/s rms "
-                "even after calibration: a wrong vehicle file is likelier than left-out physics. Check it before reading on."
+                "even after calibration: a wrong vehicle file is likelier than left-out physics. Check it first."
             )
     return said
 
