@@ -180,9 +180,8 @@ def _write_words(figure: Figure, summary: Mapping[str, Any], level: float, title
         lines.append((f"above the reserve: {above:.1%} of members", False))
     lines.append(("", False))
     for entry in battery["levels"]:
-        name = f"{entry['charge_left_percent']:g} % left"
-        lines.append((name + (" (reserve)" if entry["is_reserve"] else ""), True))
-        lines += [(text, False) for text in level_lines(entry)]
+        name, *dates = level_lines(entry)
+        lines += [(name, True), *((text, False) for text in dates)]
     lines.append(("", False))
     wh, ah = rates["wh_per_day"]["total"], rates["ah_per_day"]["total"]
     if wh["median"] is not None:
@@ -202,22 +201,25 @@ def _write_words(figure: Figure, summary: Mapping[str, Any], level: float, title
 
 
 def level_lines(entry: Mapping[str, Any]) -> list[str]:
-    """When a charge level is reached, in words: within the forecast where enough members reach it, else beyond."""
-    within, beyond = entry["within_forecast"]["time"], entry["extrapolated"]["time"]
-    lines = []
+    """A charge level and when it is reached: within the forecast where the median is, else at the mean draw."""
+    name = f"{entry['charge_left_percent']:g} % left" + (" (reserve)" if entry["is_reserve"] else "")
     if entry["probability"] > 0.0:
-        lines.append(f"within the forecast: {entry['probability']:.1%} of members")
-    known, note = (within, "") if within["median"] else (beyond, " (extrapolated)")
-    if not known["median"]:
-        return [*lines, "date not known: nothing was drawn"]
-    lines.append(f"{_day(known['median'])}{note}")
-    lines.append(f"90 %: {_day(known['p05'])} to {_day(known['p95'] or beyond['p95'])}")
-    return lines
+        name += f": {entry['probability']:.1%} of members"
+    within, beyond = entry["within_forecast"]["time"], entry["extrapolated"]["time"]
+    if within["median"]:
+        return [
+            name,
+            _moment(within["median"], "%d %b %Y %H:%MZ"),
+            f"90 %: {_moment(within['p05'])} to {_moment(within['p95'] or beyond['p95'])}",
+        ]
+    if beyond["median"]:
+        dates = (_moment(beyond[key], "%d %b %Y") for key in ("p05", "p95"))
+        return [name, f"{_moment(beyond['median'], '%d %b %Y')} (extrapolated)", "90 %: " + " to ".join(dates)]
+    return [name, "date not known: nothing was drawn"]
 
 
-def _day(time: str | None) -> str:
-    """``2012-10-25T03:00:00Z`` as ``25 Oct 2012``."""
-    return datetime.fromisoformat(time).strftime("%d %b %Y") if time else "not known"
+def _moment(time: str | None, form: str = "%d %b %H:%MZ") -> str:
+    return datetime.fromisoformat(time).strftime(form) if time else "not known"
 
 
 def _title(summary: Mapping[str, Any]) -> str:

@@ -7,6 +7,7 @@ words. Drawn with the Agg canvas alone, without pyplot, because importing that c
 
 from __future__ import annotations
 
+import itertools
 import textwrap
 from collections.abc import Mapping
 from pathlib import Path
@@ -25,6 +26,7 @@ from glider_jax.products import cartography as chart
 from glider_jax.products.atomic import atomic_path
 from glider_jax.products.coordinates import unwrap_longitude
 from glider_jax.products.summary import summarise
+from glider_jax.products.wording import drawn
 from glider_jax.records import Array, BathymetryGrid, CurrentGrid, Track
 
 _TRACKS = 12
@@ -32,6 +34,8 @@ _MOST_POINTS = 2_000_000
 _MAIN = (0.065, 0.095, 0.565, 0.80)
 _ZOOM = (0.715, 0.475, 0.265, 0.42)
 _SIZE = (13.0, 8.6)
+# Shares of the width and height of the map that the legend and the key take.
+_LEGEND, _KEY = (0.26, 0.22), (0.35, 0.11)
 _SURFACING_COLOURS = (chart.VERMILLION, chart.BLUE, chart.GREEN, chart.PURPLE)
 
 
@@ -72,8 +76,9 @@ def plot_map(
     shown = _draw_positions(main, summary, reference)
     _draw_marks(main, track, longitude, summary, reference)
     chart.draw_scale_bar(main, limits)
-    _draw_legend(main, shown, key, currents)
-    _draw_key(main, mesh)
+    legend, key_corner = _free_corners(track, longitude, summary, reference, limits)
+    _draw_legend(main, shown, key, currents, legend)
+    _draw_key(main, mesh, key_corner)
     _draw_zoom(zoom, track, longitude, summary, reference, bathymetry)
     _write_words(figure, track, summary, title)
     with atomic_path(path) as temporary:
@@ -90,23 +95,61 @@ def _metadata(summary: Mapping[str, Any]) -> dict[str, str]:
     }
 
 
-def _main_limits(
-    track: Track, longitude: Array, summary: Mapping[str, Any], reference: float
-) -> chart.Limits:
-    """Limits that hold all but the farthest thousandth of the members' places, and the waypoints."""
+def _main_limits(track: Track, longitude: Array, summary: Mapping[str, Any], reference: float) -> chart.Limits:
+    """Limits that hold all but the farthest thousandth of the members' places, the regions shown and the waypoints."""
     active = np.asarray(track.active)
+    if not active.any():
+        # All ended at the start: their last places are all there is.
+        active = np.ones_like(active)
     levels = (0.001, 0.999)
-    lat, lon = (np.quantile(x[active], levels) for x in (np.asarray(track.latitude)[:, :], longitude))
-    marks = np.array(
-        [[w["place"]["latitude"], w["place"]["longitude"]] for w in summary["waypoints"]]
-        + [[p["latitude"], p["longitude"]] for p in [summary["forecast"]["start_place"]]]
-    )
+    lat, lon = (np.quantile(x[active], levels) for x in (np.asarray(track.latitude), longitude))
+    marks = _marks(summary)
+    marks = np.concatenate([marks, *_outlines(summary)])
     return chart.limits_around(
         np.concatenate([lat, marks[:, 0]]),
         np.concatenate([lon, unwrap_longitude(marks[:, 1], reference)]),
         ratio=_MAIN[2] * _SIZE[0] / (_MAIN[3] * _SIZE[1]),
         least_km=5.0,
     )
+
+
+def _marks(summary: Mapping[str, Any]) -> Array:
+    """Latitude and longitude of the start and the waypoints, (k, 2)."""
+    places = [summary["forecast"]["start_place"], *(waypoint["place"] for waypoint in summary["waypoints"])]
+    return np.array([[place["latitude"], place["longitude"]] for place in places])
+
+
+def _outlines(summary: Mapping[str, Any]) -> list[Array]:
+    """Outlines of the regions shown, (point, 2) latitude and longitude."""
+    return [
+        np.asarray(polygon[0])[:, ::-1]
+        for entry in _chosen(summary["positions"])
+        for region in entry["regions"]
+        for polygon in region["geometry"]["coordinates"]
+    ]
+
+
+def _free_corners(
+    track: Track, longitude: Array, summary: Mapping[str, Any], reference: float, limits: chart.Limits
+) -> tuple[str, str]:
+    """Corners for the legend and the key in which they hide least; the scale bar has the lower left one."""
+    step = max(1, track.n // 500)
+    members = np.stack([np.asarray(track.latitude)[::step].ravel(), longitude[::step].ravel()], axis=1)
+    outlines = np.concatenate([np.zeros((0, 2)), *_outlines(summary)])
+    # A mark outweighs all members; the points of an outline count as ten each.
+    groups = [(members, 1.0), (outlines, 10.0), (_marks(summary), float(len(members)))]
+
+    def hidden(corner: str, size: tuple[float, float]) -> float:
+        found = 0.0
+        for places, weight in groups:
+            x = (unwrap_longitude(places[:, 1], reference) - limits.west) / (limits.east - limits.west)
+            y = (places[:, 0] - limits.south) / (limits.north - limits.south)
+            beside = x > 1.0 - size[0] if corner.endswith("right") else x < size[0]
+            found += weight * float((beside & (y > 1.0 - size[1] if "upper" in corner else y < size[1])).sum())
+        return found
+
+    pairs = itertools.permutations(("upper left", "lower right", "upper right"), 2)
+    return min(pairs, key=lambda pair: hidden(pair[0], _LEGEND) + hidden(pair[1], _KEY))
 
 
 def _draw_density(axes: Axes, track: Track, longitude: Array, limits: chart.Limits) -> AxesImage:
@@ -137,14 +180,16 @@ def _draw_density(axes: Axes, track: Track, longitude: Array, limits: chart.Limi
     )
 
 
-def _draw_key(axes: Axes, mesh: AxesImage) -> None:
-    """The colours of the density, in a box in the lower right corner."""
+def _draw_key(axes: Axes, mesh: AxesImage, corner: str) -> None:
+    """The colours of the density, in a box in a corner."""
+    x = 0.665 if corner.endswith("right") else 0.018
+    y = 0.018 if corner.startswith("lower") else 0.907
     box = FancyBboxPatch(
-        (0.665, 0.018), 0.318, 0.075, boxstyle="round,pad=0,rounding_size=0.008", transform=axes.transAxes,
+        (x, y), 0.318, 0.075, boxstyle="round,pad=0,rounding_size=0.008", transform=axes.transAxes,
         facecolor="white", edgecolor="#CCCCCC", alpha=0.9, zorder=9,
     )  # fmt: skip
     axes.add_patch(box)
-    inner = axes.inset_axes((0.69, 0.052, 0.268, 0.018), zorder=10)
+    inner = axes.inset_axes((x + 0.025, y + 0.034, 0.268, 0.018), zorder=10)
     bar = axes.figure.colorbar(mesh, cax=inner, orientation="horizontal")
     bar.set_label("members × output times per cell", fontsize=7.5, labelpad=-30)
     bar.ax.tick_params(labelsize=7, pad=1.5, length=2)
@@ -207,9 +252,7 @@ def _draw_positions(axes: Axes, summary: Mapping[str, Any], reference: float) ->
     return bool(chosen)
 
 
-def _draw_marks(
-    axes: Axes, track: Track, longitude: Array, summary: Mapping[str, Any], reference: float
-) -> None:
+def _draw_marks(axes: Axes, track: Track, longitude: Array, summary: Mapping[str, Any], reference: float) -> None:
     """Waypoints with their numbers, the start, and the median of the members' last places."""
     for waypoint in summary["waypoints"]:
         x, y = (
@@ -247,7 +290,7 @@ def _draw_marks(
     )  # fmt: skip
 
 
-def _draw_legend(axes: Axes, regions: bool, key: float | None, currents: CurrentGrid | None) -> None:
+def _draw_legend(axes: Axes, regions: bool, key: float | None, currents: CurrentGrid | None, corner: str) -> None:
     handles = [
         Line2D([], [], marker="^", color=chart.GREEN, linestyle="none", markersize=9, label="start"),
         Line2D([], [], marker="s", color=chart.PURPLE, linestyle="none", markersize=8, label="median end"),
@@ -273,7 +316,7 @@ def _draw_legend(axes: Axes, regions: bool, key: float | None, currents: Current
         where = "surface" if depth < 1.0 else f"{depth:g} m"
         handles.append(Line2D([], [], color="#3C4A55", marker=r"$\rightarrow$", markersize=12, linestyle="none",
                               label=f"mean current ({where})"))  # fmt: skip
-    axes.legend(handles=handles, loc="upper left", fontsize=8, framealpha=0.9, borderpad=0.6).set_zorder(10)
+    axes.legend(handles=handles, loc=corner, fontsize=8, framealpha=0.9, borderpad=0.6).set_zorder(10)
 
 
 def _draw_zoom(
@@ -284,9 +327,7 @@ def _draw_zoom(
     entries = [entry for entry in summary["surfacings"][:3] if entry["place"]]
     if not entries:
         axes.set_axis_off()
-        axes.text(
-            0.5, 0.5, "no surfacing within the forecast", ha="center", va="center", transform=axes.transAxes
-        )
+        axes.text(0.5, 0.5, "no surfacing within the forecast", ha="center", va="center", transform=axes.transAxes)
         return
     points = [
         point for entry in entries for region in entry["regions"] for polygon in region["geometry"]["coordinates"]
@@ -342,16 +383,10 @@ def _write_words(figure: Figure, track: Track, summary: Mapping[str, Any], title
     forecast = summary["forecast"]
     parts = [str(track.settings[key]) for key in ("mission", "vehicle") if track.settings.get(key)]
     name = title or ("Forecast: " + ", ".join(parts) if parts else "Glider ensemble forecast")
-    figure.text(0.065, 0.958, str(name).replace("$", r"\$"), fontsize=15, fontweight="bold", va="bottom")
+    figure.text(0.065, 0.958, drawn(name), fontsize=15, fontweight="bold", va="bottom")
     partial = "" if forecast["complete"] else " · PARTIAL, the run was interrupted"
-    span = (
-        f"{forecast['horizon_h']:g} h"
-        if forecast["horizon_h"] < 96
-        else f"{forecast['horizon_h'] / 24:g} days"
-    )
-    heading = (
-        f"{span} from {forecast['start'][:16].replace('T', ' ')}Z · {forecast['members']:,} members{partial}"
-    )
+    span = f"{forecast['horizon_h']:g} h" if forecast["horizon_h"] < 96 else f"{forecast['horizon_h'] / 24:g} days"
+    heading = f"{span} from {forecast['start'][:16].replace('T', ' ')}Z · {forecast['members']:,} members{partial}"
     figure.text(0.065, 0.934, heading, fontsize=10.5, va="bottom", color="#333333")
     y = 0.405
     for k, entry in enumerate(summary["surfacings"][:3]):
@@ -367,9 +402,7 @@ def _write_words(figure: Figure, track: Track, summary: Mapping[str, Any], title
             fontweight="bold",
             va="top",
         )
-        sizes = (
-            f"50 % {area[0.5]:.2g} km², 90 % {area[0.9]:.2g} km²" if area else "too few members for a region"
-        )
+        sizes = f"50 % {area[0.5]:.2g} km², 90 % {area[0.9]:.2g} km²" if area else "too few members for a region"
         share = "" if entry["probability"] > 0.9995 else f" · {entry['probability']:.1%} of members"
         place = entry["place"]
         words = (
@@ -387,8 +420,6 @@ def _write_words(figure: Figure, track: Track, summary: Mapping[str, Any], title
     figure.text(0.700, y - 0.022, outcomes, fontsize=8.8, va="top", linespacing=1.35)
     made = summary["provenance"]
     inputs = ", ".join(Path(str(item)).name for item in made["inputs"]) or "not stated"
-    caption = (
-        f"glider_jax {made['version']} · seed {made['seed']} · made {made['created']} · inputs: {inputs}"
-    )
-    figure.text(0.065, 0.018, textwrap.shorten(caption, 190, placeholder=" ...").replace("$", r"\$"), fontsize=7.5,
+    caption = f"glider_jax {made['version']} · seed {made['seed']} · made {made['created']} · inputs: {inputs}"
+    figure.text(0.065, 0.018, drawn(textwrap.shorten(caption, 190, placeholder=" ...")), fontsize=7.5,
                 color="#555555", va="bottom")  # fmt: skip
