@@ -224,17 +224,34 @@ def _lag(found: Finding) -> list[str]:
     return [f"The thermometer lags the conductivity cell by {lag:.1f} s; corrected, so that dives and climbs agree."]
 
 
+def size_in_words(effect: dict[str, Any]) -> str:
+    """The size of an effect in brackets: one number with its interval, or a vector's size and direction."""
+    shown = {p["name"]: p["shown"] for p in effect["parameters"]}
+    if len(shown) == 1:
+        one = next(iter(shown.values()))
+        low, high = one["interval_90"]
+        return f" ({one['value']:.3g} {one['unit']}, 90 % {low:.3g} to {high:.3g})"
+    if {"east", "north"} <= set(shown):
+        east, north, unit = shown["east"]["value"], shown["north"]["value"], shown["east"]["unit"]
+        toward = math.degrees(math.atan2(east, north)) % 360.0
+        return f" ({math.hypot(east, north):.3g} {unit} towards {toward:.0f} degrees)"
+    if {"east_cosine", "north_sine"} <= set(shown):
+        east = math.hypot(shown["east_cosine"]["value"], shown["east_sine"]["value"])
+        north = math.hypot(shown["north_cosine"]["value"], shown["north_sine"]["value"])
+        return f" (amplitude {east:.3g} {shown['east_sine']['unit']} east, {north:.3g} north)"
+    if {"sine", "cosine"} <= set(shown):
+        size = math.hypot(shown["sine"]["value"], shown["cosine"]["value"])
+        return f" (amplitude {size:.3g} {shown['sine']['unit']})"
+    return ""
+
+
 def _summary(verdict: str, effects: list, unexplained: list, warnings: list) -> str:
     if verdict == "nothing_missing":
         first = "The base model explains this recording within its stated uncertainties; nothing is missing."
     else:
         parts = []
         for effect in effects:
-            lead = next(iter(effect["parameters"]), None)
-            value = ""
-            if lead is not None and len(effect["parameters"]) == 1:
-                s = lead["shown"]
-                value = f" ({s['value']:.3g} {s['unit']}, 90 % {s['interval_90'][0]:.3g} to {s['interval_90'][1]:.3g})"
+            value = size_in_words(effect)
             also = (
                 f", or {', or '.join(a['title'].lower() for a in effect['alternatives'])}"
                 if effect["alternatives"]
@@ -275,7 +292,7 @@ def _stream(found: Finding, name: str) -> dict[str, Any]:
     factor = stream.shown_per_unit
     before, after = found.whitened[name]
     sizes = {
-        law.name: number(math.exp(size) * (1.0 if law.name == "time" else factor))
+        law.name: number(math.exp(size) * (1.0 if law.name.endswith("time") else factor))
         for law, size in zip(noise.laws, noise.sizes, strict=True)
     }
     return {

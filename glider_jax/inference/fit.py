@@ -224,7 +224,7 @@ def _independent(noise: Noise) -> None:
     if isinstance(noise, SeriesNoise):
         noise.sizes = np.log([np.exp(noise.sizes[0]), 1e-9, 1e-9, 3600.0])
     else:
-        noise.sizes = np.log([1e-9, 3600.0, 1e-9, np.exp(noise.sizes[3]), np.exp(noise.sizes[4])])
+        noise.sizes = np.log([1e-9, 3600.0, 1e-9, np.exp(noise.sizes[3]), np.exp(noise.sizes[4]), 3600.0])
 
 
 def robust_covariance(linear: Linear, active: list[int], mean: Array, covariance: Array) -> Array:

@@ -107,7 +107,7 @@ def pulses(b: Builder):
         if number + 1 < len(b.spans):
             inside &= power.time < b.spans[number + 1, 0]
         for kind, mine in enumerate((inside & ~power.busy & ~surface, inside & heavy, inside & surface & ~heavy)):
-            rows = np.flatnonzero(mine)
+            rows = np.flatnonzero(mine & power.fresh)
             if rows.size >= 6:
                 found.append((
                     power.time[rows].mean(), number, kind, power.voltage[rows].mean(), power.current[rows].mean(),

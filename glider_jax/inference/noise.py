@@ -155,7 +155,7 @@ class CourseNoise:
     displacement: tuple[Stream, Stream] | None
     drift: tuple[Stream, Stream] | None
     product: bool
-    sizes: Array = field(default_factory=lambda: np.zeros(5))
+    sizes: Array = field(default_factory=lambda: np.zeros(6))
     inflation: Array | None = None
 
     def __post_init__(self) -> None:
@@ -170,6 +170,7 @@ class CourseNoise:
             Law("surface error", 0.5 * known, 3.0),
             Law("displacement", 0.006, 2.0),
             Law("drift", 0.008, 2.0),
+            Law("surface time", 4.0 * 3600.0, 3.0),
         )
         self.sizes = np.log([law.median for law in self.laws])
         # Six moments stand for the mean over a dive segment.
@@ -203,12 +204,12 @@ class CourseNoise:
 
     def covariance(self, sizes: Array) -> Array:
         """Covariance of one component, (displacements + drifts) squared."""
-        error, tau, surface, displaced, drifted = np.exp(sizes)
-        red = np.exp(-self.lags / tau)
-        whole = self.mean @ red @ self.mean.T
+        error, tau, surface, displaced, drifted, brief = np.exp(sizes)
+        whole = self.mean @ np.exp(-self.lags / tau) @ self.mean.T
+        above = self.mean @ np.exp(-self.lags / brief) @ self.mean.T
         up = self.at_surface.astype(float)
         white = np.where(self.at_surface, drifted**2 / self.weight, displaced**2)
-        return error**2 * whole + surface**2 * whole * np.outer(up, up) + np.diag(white * self.inflation)
+        return error**2 * whole + surface**2 * above * np.outer(up, up) + np.diag(white * self.inflation)
 
     def whiten(self, columns: Array, sizes: Array | None = None) -> tuple[Array, float]:
         """As for a series, with east and north independent and alike."""
@@ -241,7 +242,7 @@ def marginal(noise: Noise, sizes: Array, residual: Array, columns: Array) -> flo
     return float(-0.5 * (r @ r - fitted) - log_size - half + noise.belief(sizes))
 
 
-def fit_noise(noise: Noise, residual: Array, columns: Array, rounds: int = 120) -> float:
+def fit_noise(noise: Noise, residual: Array, columns: Array, rounds: int = 160) -> float:
     """Find the sizes of a noise law by marginal likelihood; returns the logarithm of the evidence reached.
 
     Parameters

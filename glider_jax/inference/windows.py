@@ -22,7 +22,10 @@ BLOCKS = 3
 
 
 class Power(NamedTuple):
-    """Electrical rows: time, step s, energy since the row before J, current A, voltage V, pump runs or just ran."""
+    """Electrical rows: time, step s, energy since the row before J, current A, voltage V, pump runs or just ran.
+
+    ``fresh`` marks rows in which the voltage itself was measured; it is interpolated in the others.
+    """
 
     time: Array
     step: Array
@@ -30,6 +33,7 @@ class Power(NamedTuple):
     current: Array
     voltage: Array
     busy: Array
+    fresh: Array
 
 
 class Window(NamedTuple):
@@ -48,8 +52,15 @@ def power_rows(recording: Recording) -> Power | None:
     time, current = finite(recording, "current")
     if time.size < 50:
         return None
-    moments, volts = finite(recording, "battery_voltage")
+    moments, volts = finite(recording, "battery_voltage_instant")
+    if moments.size < 100:
+        # A filtered voltage hides the sag of short pulses, so the instantaneous one comes first.
+        moments, volts = finite(recording, "battery_voltage")
     voltage = np.interp(time, moments, volts) if moments.size > 2 else np.full(time.size, 14.0)
+    near = np.clip(np.searchsorted(moments, time), 1, max(moments.size - 1, 1))
+    fresh = np.zeros(time.size, bool)
+    if moments.size > 2:
+        fresh = np.minimum(np.abs(moments[near] - time), np.abs(moments[near - 1] - time)) < 1.5
     step = np.diff(time, prepend=time[0] - np.median(np.diff(time)))
     step = np.where(step > LONGEST_ROW, np.nan, step)
     usual = float(np.nanmedian(step))
@@ -68,7 +79,7 @@ def power_rows(recording: Recording) -> Power | None:
     for shift in range(1, max(1, int(np.ceil(16.0 / usual))) + 1):
         wide[:-shift] |= busy[shift:]
         wide[shift:] |= busy[:-shift]
-    return Power(time, step, current * voltage * step, current, voltage, wide)
+    return Power(time, step, current * voltage * step, current, voltage, wide, fresh)
 
 
 def total(power: Power, rows: Array) -> Window | None:
