@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 
@@ -33,10 +33,9 @@ def compiled_cache() -> None:
     except OSError as error:
         print(f"note: compiled programs are not kept ({error.strerror})", file=sys.stderr)
     if "xla_force_host_platform_device_count" not in os.environ.get("XLA_FLAGS", ""):
-        try:
+        # Where the process has used JAX before, its devices stay: results do not depend on their number.
+        with suppress(RuntimeError):
             jax.config.update("jax_num_cpu_devices", max(1, len(os.sched_getaffinity(0))))
-        except RuntimeError:
-            print("note: JAX was started before with other devices, which stay", file=sys.stderr)
 
 
 @contextmanager
