@@ -16,7 +16,7 @@ from glider_jax.inference.fit import Linear, Problem
 from glider_jax.inference.streams import Stream
 from glider_jax.records import Array
 
-FLIPS, BINS = 999, 8
+FLIPS, BINS = 4999, 8
 #: Dive sums may scatter by this factor more than the noise law says before it counts.
 SLACK = 1.6
 SHOWN = {

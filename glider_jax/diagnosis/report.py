@@ -12,6 +12,7 @@ import io
 import json
 import math
 import os
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -50,7 +51,11 @@ def _put(path: Path, data: bytes) -> None:
 
 def vehicle_toml(found: Finding, content: dict[str, Any]) -> str:
     """The base vehicle with the accepted terms, as ``read_vehicle`` reads it."""
-    lines = ["# Base model as given, and the effects that its recording asks for."]
+    start = datetime.fromtimestamp(float(found.recording.time[0]), UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    lines = [
+        "# Base model as given, and the effects that its recording asks for.",
+        f"# Growth and periodic flows count time from {start}, the first row of the recording.",
+    ]
     vehicle = found.vehicle
     text = _source_text(vehicle)
     kept = [line for line in text.splitlines() if not line.strip().startswith("#")]

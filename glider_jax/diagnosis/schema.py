@@ -224,6 +224,11 @@ def _lag(found: Finding) -> list[str]:
     return [f"The thermometer lags the conductivity cell by {lag:.1f} s; corrected, so that dives and climbs agree."]
 
 
+def spoken(title: str) -> str:
+    """A title within a sentence: abbreviations keep their capitals."""
+    return title if title[1:2].isupper() or title[1:2].isdigit() else title[0].lower() + title[1:]
+
+
 def size_in_words(effect: dict[str, Any]) -> str:
     """The size of an effect in brackets: one number with its interval, or a vector's size and direction."""
     shown = {p["name"]: p["shown"] for p in effect["parameters"]}
@@ -253,12 +258,12 @@ def _summary(verdict: str, effects: list, unexplained: list, warnings: list) -> 
         for effect in effects:
             value = size_in_words(effect)
             also = (
-                f", or {', or '.join(a['title'].lower() for a in effect['alternatives'])}"
+                f", or {', or '.join(spoken(a['title']) for a in effect['alternatives'])}"
                 if effect["alternatives"]
                 else ""
             )
             hedge = "perhaps " if effect.get("tentative") else ""
-            parts.append(f"{hedge}{effect['title'].lower()}{value}{also}")
+            parts.append(f"{hedge}{spoken(effect['title'])}{value}{also}")
         first = (
             f"Left out of the base model: {'; '.join(parts)}." if parts else "No known effect explains the mismatch."
         )

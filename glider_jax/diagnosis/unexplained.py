@@ -46,7 +46,7 @@ def remainders(problem: Problem, linear: Linear, active: list[int]) -> tuple[lis
     tests = max(len({place.stream for place in found}), 1)
     kept: dict[str, Remainder] = {}
     for place in found:
-        # The finest chance that flips can show is 1/1000; a bin far out in units of its dives' scatter says more.
+        # The finest chance that flips can show is 1/5000; a bin far out in units of its dives' scatter says more.
         chance = min(place.p * tests, 1.0) if place.covariate == "dive" else place.p
         telling = place.share > LEAST_SHARE or abs(place.z) > 8.0
         if chance >= CHANCE or not telling or place.stream in kept:
