@@ -13,12 +13,14 @@ import numpy as np
 from scipy.stats import chi2
 
 from glider_jax.inference.fit import Linear, Problem
+from glider_jax.inference.noise import CourseNoise
 from glider_jax.inference.streams import Stream
 from glider_jax.records import Array
 
 FLIPS, BINS = 4999, 8
 #: Dive sums may scatter by this factor more than the noise law says before it counts.
-SLACK = 1.6
+#: Neighbouring dives share a red current error, so more is allowed where it counts.
+SLACK, RED_SLACK = 1.6, 3.0
 SHOWN = {
     "depth": ("m", 1.0), "temperature": ("K", 1.0), "density": ("kg m-3", 1.0), "heading": ("deg", 57.29578),
     "since_turn": ("s", 1.0), "since_surfacing": ("min", 1.0 / 60.0), "warming": ("K/min", 60.0),
@@ -75,17 +77,19 @@ def places(problem: Problem, linear: Linear, left: Array, raw: Array, seed: int 
             continue
         signs = rng.choice([-1.0, 1.0], (FLIPS, blocks.size))
         q, unwhite = left[rows], raw[rows]
-        if len(next(n for n in problem.noises if name in n.names).names) > 1:
-            # Whitening mixes displacements and drifts; each is looked at by itself, against its own scatter.
-            q = unwhite / max(float(np.sqrt(np.mean(unwhite**2))), 1e-12)
+        noise = next(n for n in problem.noises if name in n.names)
+        slack = SLACK
+        if isinstance(noise, CourseNoise):
+            # Whitening mixes displacements and drifts; each is looked at by itself, against its law's own scatter.
+            sd = np.sqrt(np.diag(noise.covariance(noise.sizes)))
+            q, slack = unwhite / (sd[noise.at_surface] if "drift" in name else sd[~noise.at_surface]), RED_SLACK
         direction = stream.covariates.get("direction")
         whole = float(np.sum(q * q))
         for key, x in covariates(stream, problem.gathered.origin).items():
             if key == "time":
                 continue
             found += _flipped(stream, key, x, direction, q, unwhite, code, signs, whole)
-        if len(next(n for n in problem.noises if name in n.names).names) == 1:
-            found += _by_dive(stream, direction, q, unwhite, blocks, code)
+        found += _by_dive(stream, direction, q, unwhite, blocks, code, slack)
     return sorted(found, key=lambda place: (place.p, -abs(place.z)))
 
 
@@ -137,7 +141,7 @@ def _flipped(stream, key, x, direction, q, unwhite, code, signs, whole) -> list[
     ]
 
 
-def _by_dive(stream, direction, q, unwhite, blocks, code) -> list[Place]:
+def _by_dive(stream, direction, q, unwhite, blocks, code, slack) -> list[Place]:
     """Whether whole dives scatter more than the noise law says; names the worst."""
     found = []
     phases = (("", np.ones(q.size, bool)),)
@@ -152,7 +156,7 @@ def _by_dive(stream, direction, q, unwhite, blocks, code) -> list[Place]:
         z = np.where(good, sums / np.sqrt(np.maximum(count, 1.0)), 0.0)
         # One odd dive is a matter of heavy tails; a structure shows in several.
         trimmed = np.sort(z[good] ** 2)[:-1]
-        p = float(chi2.sf(trimmed.sum() / SLACK, trimmed.size))
+        p = float(chi2.sf(trimmed.sum() / slack, trimmed.size))
         worst = int(np.argmax(np.abs(z)))
         moments = stream.time[(code == worst) & mine] / 86400.0
         size = float(unwhite[(code == worst) & mine].mean() * stream.shown_per_unit)

@@ -14,13 +14,12 @@ from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import Any
 
-from glider_jax_data import path as bundled_path
-
 from glider_jax.config import Aborts, Mission, SampleRule, SurfaceRule, Yo, check_mission
 from glider_jax.errors import ConfigError, DataError
 from glider_jax.readers.slocum_missions import read_slocum_mission
 from glider_jax.readers.toml_checks import Table, load_toml, number_list
 from glider_jax.records import Source
+from glider_jax_data import path as bundled_path
 
 DEFAULT_MISSION = "missions/new_jersey.toml"
 DEFAULT_PITCH = 26.0

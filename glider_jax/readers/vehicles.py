@@ -11,9 +11,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from glider_jax_data import names as bundled_names
-from glider_jax_data import path as bundled_path
-
 from glider_jax.config import CovarianceBlock, Quantity, Vehicle, check_vehicle
 from glider_jax.errors import ConfigError, did_you_mean
 from glider_jax.readers.battery_packs import read_battery
@@ -21,6 +18,8 @@ from glider_jax.readers.device_catalogue import read_devices
 from glider_jax.readers.quantities import QUANTITIES, SECTIONS
 from glider_jax.readers.toml_checks import Table, load_toml, number_list
 from glider_jax.records import Source
+from glider_jax_data import names as bundled_names
+from glider_jax_data import path as bundled_path
 
 DEFAULT_PRESET = "slocum_g1_shallow"
 

@@ -7,11 +7,11 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
-import glider_jax_data
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import glider_jax_data
 from glider_jax.config import SURFACE_KINDS, Aborts, Mission, SampleRule, SurfaceRule, Yo, check_mission
 from glider_jax.errors import ConfigError, DataError
 from glider_jax.readers.missions import mission_toml, read_mission, write_mission_toml
