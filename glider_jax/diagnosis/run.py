@@ -220,6 +220,7 @@ class _Settled(Search):
         self.path += [f"took back {p.candidate.id}: held-out dives fit worse with it" for p in bad]
         self.picks = [p for p in self.picks if p not in bad]
         self.relinearise()
+        self.prune()
         return True
 
     def run(self) -> None:

@@ -63,9 +63,10 @@ class Search:
         return True
 
     def refine(self) -> None:
-        """One more Gauss-Newton step at the accepted set."""
+        """One more Gauss-Newton step at the accepted set; what is worth nothing there is dropped."""
         if self.picks:
             self.relinearise(learn_noise=False)
+            self.prune()
 
     def relinearise(self, harden: int = 0, learn_noise: bool = True) -> None:
         """Step to the fitted values of the accepted effects and make the linear problem anew there."""
@@ -157,9 +158,17 @@ class Search:
         for candidate in self.candidates:
             if candidate.id not in taken:
                 gain, _ = self._gain(candidate, without, base)
-                if gain > 0.0 and mine - gain < ALIKE:
+                if gain > 1.0 and mine - gain < ALIKE:
                     found.append((candidate.id, mine - gain))
         return sorted(found, key=lambda pair: pair[1])
+
+    def prune(self) -> None:
+        """Drop accepted effects that lost their evidence, the weakest first."""
+        while self.picks and min(self.losses()) < DROP:
+            worst = int(np.argmin(self.losses()))
+            self.path.append(f"dropped {self.picks[worst].candidate.id} ({self.losses()[worst]:.1f} nats)")
+            del self.picks[worst]
+            self.relinearise(learn_noise=False)
 
     def _move(self) -> bool:
         """One backward, swap or forward move; False where none is worth it."""
