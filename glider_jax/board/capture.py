@@ -2,12 +2,10 @@
 
 Bytes are written to the log before anything else is done with them; decoding happens on a copy, for the
 display.
-pyserial is imported when a port is opened.
 """
 
 from __future__ import annotations
 
-import errno
 import signal
 import threading
 import time
@@ -22,7 +20,10 @@ from glider_jax.board.calibration import Calibration, nominal
 from glider_jax.board.decoder import Batch, Decoder, Report
 from glider_jax.board.frames import BAUD
 from glider_jax.board.logfile import Folder, Journal, RotatingLog
-from glider_jax.errors import CaptureError, DataError, did_you_mean
+from glider_jax.board.port import Port, open_port
+from glider_jax.errors import CaptureError, DataError
+
+_LAST_READS = 0.5
 
 
 @dataclass(frozen=True)
@@ -87,46 +88,6 @@ class Status:
         }
 
 
-def open_port(port: str, baud: int) -> Any:
-    """Open a serial port for this process alone, or a TCP socket.
-
-    Raises
-    ------
-    CaptureError : the port does not exist, is in use, may not be opened, or the address is wrong.
-    """
-    import serial
-    from serial.tools import list_ports
-
-    try:
-        if "://" in port:
-            return serial.serial_for_url(port, baudrate=baud, timeout=0.1)
-        return serial.Serial(port, baudrate=baud, timeout=0.1, exclusive=True)
-    except ValueError as error:
-        raise CaptureError(
-            f"{port}: expected a device or socket://HOST:PORT at a usual baud rate, found: {error}."
-        ) from None
-    except OSError as error:
-        known = [entry.device for entry in list_ports.comports()]
-        listed = (
-            f" Ports here: {', '.join(known)}." if known else " No serial port is present on this machine."
-        )
-        number = error.errno
-        if number == errno.ENOENT or (number is None and "No such file" in str(error)):
-            hint = did_you_mean(port, known)
-            raise CaptureError(
-                f"{port}: expected a serial port, found no such device.{hint}{listed} Is the adapter plugged in?"
-            ) from None
-        if number in (errno.EAGAIN, errno.EBUSY) or "exclusively lock" in str(error):
-            raise CaptureError(
-                f"{port}: the port is busy: another program holds it. Close that program, then try again."
-            ) from None
-        if number == errno.EACCES:
-            raise CaptureError(
-                f"{port}: this user may not open the port. Add the user to the group that owns it (often dialout)."
-            ) from None
-        raise CaptureError(f"{port}: cannot be opened: {error}.{listed}") from None
-
-
 class Capture:
     """One capture from start to end; :meth:`run` returns the final status.
 
@@ -150,13 +111,14 @@ class Capture:
         self.status = Status()
         self._decoder = Decoder(options.revision, options.port)
         self._second: list[Batch] = []
+        self._begin = 0.0
 
     def run(self) -> Status:
         """Capture until interrupted, stopped or timed out.
 
         Raises
         ------
-        CaptureError : the port cannot be opened at the start, or the folder is in use.
+        CaptureError : the port cannot be opened at the start, the folder is in use, or the disk is full.
         DataError : what arrives is not from a board; the bytes are kept all the same.
         """
         options = self.options
@@ -173,17 +135,22 @@ class Capture:
             self.status.connected = True
             self._loop(port, log, journal)
         finally:
-            name = log.rotate()
-            if name:
-                self.status.files.append(name)
-            self._second.append(self._decoder.feed(b"", final=True))
-            self.status.report = self._decoder.report
-            journal.note("stopped", **self.status.as_dict())
-            journal.close()
-            folder.close()
-            for number, handler in handlers.items():
-                signal.signal(number, handler)
+            try:
+                self._finish(log, journal)
+            finally:
+                journal.close()
+                folder.close()
+                for number, handler in handlers.items():
+                    signal.signal(number, handler)
         return self.status
+
+    def _finish(self, log: RotatingLog, journal: Journal) -> None:
+        name = log.rotate()
+        if name:
+            self.status.files.append(name)
+        self._second.append(self._decoder.feed(b"", final=True))
+        self.status.report = self._decoder.report
+        journal.note("stopped", **self.status.as_dict())
 
     def _take_signals(self) -> dict[int, Any]:
         """Let SIGINT and SIGTERM end the capture in order; only the main thread may ask for them."""
@@ -194,9 +161,9 @@ class Capture:
             for number in (signal.SIGINT, signal.SIGTERM)
         }
 
-    def _loop(self, port: Any, log: RotatingLog, journal: Journal) -> None:
+    def _loop(self, port: Port | None, log: RotatingLog, journal: Journal) -> None:
         options, status = self.options, self.status
-        begin = told = time.monotonic()
+        begin = told = self._begin = time.monotonic()
         offset = time.time() - begin
         last_bytes = last_frames = 0
         first_byte: float | None = None
@@ -228,7 +195,18 @@ class Capture:
                 if self.on_status:
                     self.on_status(status)
         if port is not None:
+            self._read_rest(port, log, journal)
             port.close()
+
+    def _read_rest(self, port: Port, log: RotatingLog, journal: Journal) -> None:
+        """Keep what waits in the system when the capture is asked to stop."""
+        try:
+            while data := port.read(0.0):
+                self._keep(data, log, journal)
+                if time.monotonic() - self._begin - self.status.elapsed > _LAST_READS:
+                    break
+        except OSError as error:
+            journal.note("lost port", reason=str(error), bytes=self.status.received)
 
     def _explain(self) -> None:
         try:
@@ -238,7 +216,7 @@ class Capture:
                 f"{error} The port was read at {self.options.baud} baud; the bytes are kept in {self.options.folder}."
             ) from None
 
-    def _receive(self, port: Any, log: RotatingLog, journal: Journal) -> Any:
+    def _receive(self, port: Port | None, log: RotatingLog, journal: Journal) -> Port | None:
         """Read once; on a hang-up close and try to reopen. Returns the port, None while it is away."""
         options, status = self.options, self.status
         if port is None:
@@ -252,14 +230,9 @@ class Capture:
             status.connected, status.message = True, ""
             journal.note("reopened", port=options.port)
         try:
-            # One byte, then what is waiting: a longer read would drop its first part if the cable goes in
-            # between.
-            data = port.read(1)
+            data = port.read()
             if data:
                 self._keep(data, log, journal)
-                waiting = port.in_waiting
-                if waiting:
-                    self._keep(port.read(waiting), log, journal)
         except OSError as error:
             status.outages += 1
             status.connected = False
@@ -274,26 +247,15 @@ class Capture:
     def _keep(self, data: bytes, log: RotatingLog, journal: Journal) -> None:
         """Write, then decode; a file that is due to end does so at a frame boundary."""
         options, status = self.options, self.status
-        due = log.size >= options.rotate_bytes or (log.size and time.time() - log.opened >= options.rotate_s)
-        if not due:
-            log.write(data)
-            self._decode(data)
-        else:
-            self._decode(data)
-            head = len(data) - self._decoder.pending
-            if head < 0:
-                log.write(data)
-            else:
-                log.write(data[:head])
-                name = log.rotate()
-                status.files.append(str(name))
-                journal.note("completed", file=name)
-                if data[head:]:
-                    log.write(data[head:])
+        log.write(data)
         status.received += len(data)
-
-    def _decode(self, data: bytes) -> None:
         self._second.append(self._decoder.feed(data))
+        due = log.size >= options.rotate_bytes or time.time() - log.opened >= options.rotate_s
+        tail = self._decoder.pending
+        if due and tail <= len(data):
+            name = log.rotate(data[len(data) - tail :])
+            status.files.append(str(name))
+            journal.note("completed", file=name)
 
     def _means(self) -> dict[str, float]:
         """Mean current of each channel since the last call, A."""

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from glider_jax.board import frames, revision2
 from glider_jax.board.scan import Found, distinct, find_frames, rows_at
 from glider_jax.board.sequence import Follower
-from glider_jax.errors import DataError
+from glider_jax.errors import ConfigError, DataError
 
 PIECE = 1 << 20
 
@@ -100,6 +100,7 @@ class Report:
     damaged: int = 0
     other_revision: int = 0
     other_layout: int = 0
+    odd_setups: int = 0
     revision: int = 0
     channels: tuple[str, ...] = ()
     foreign: dict[int, int] = field(default_factory=dict)
@@ -124,6 +125,7 @@ class Report:
             "noise_bytes": self.noise,
             "frames_of_other_revision": self.other_revision,
             "frames_of_other_layout": self.other_layout,
+            "odd_setups": self.odd_setups,
             "unknown_revisions": {str(k): v for k, v in self.foreign.items()},
             "samples_on_a_rail": dict(self.rails),
             "first_frame_numbers": f.first[:16],
@@ -144,6 +146,7 @@ class Report:
             (self.noise, "bytes belong to no intact frame"),
             (self.other_revision, "intact frames of another revision were left out"),
             (self.other_layout, "intact frames with other channels were left out"),
+            (self.odd_setups, "intact setup frames hold numbers no board can have and were left out"),
         ):
             if number:
                 out.append(f"{number} {text}")
@@ -288,7 +291,7 @@ class Decoder:
                 payload = rows_at(buffer, found.offset[rows[where]] + frames.HEADER, size - frames.OVERHEAD)
                 ticks, at = frames.from_integers(payload[:, :4]), epoch[where]
                 if kind == frames.SETUP:
-                    setups += [revision2.Setup.from_payload(row) for row in payload]
+                    setups += self._setups(payload)
                 elif kind == frames.CLOCK:
                     clock = np.stack([at, ticks, frames.from_integers(payload[:, 4:10])], axis=1).astype(
                         np.int64
@@ -303,6 +306,15 @@ class Decoder:
                     subset += _windows(payload, ticks, at)
         triggers.sort(key=lambda t: (t.epoch, t.tick, not t.started))
         return Batch(tuple(samples), tuple(subset), tuple(triggers), clock, tuple(setups))
+
+    def _setups(self, payload: NDArray[np.uint8]) -> list[revision2.Setup]:
+        out = []
+        for row in payload:
+            try:
+                out.append(revision2.Setup.from_payload(row))
+            except ConfigError:
+                self.report.odd_setups += 1
+        return out
 
     def _by_mask(
         self,

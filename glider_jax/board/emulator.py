@@ -53,6 +53,9 @@ class PtyLine:
         settings = termios.tcgetattr(self._slave)
         # A serial program sets its own timing; this value shows whether one has opened the port.
         settings[6][termios.VMIN] = _MARK
+        code = next((code for code, rate in _SPEEDS.items() if rate == self.baud), None)
+        if code is not None:
+            settings[4] = settings[5] = code
         termios.tcsetattr(self._slave, termios.TCSANOW, settings)
         os.set_blocking(self._master, False)
         temporary = self.link.with_name(self.link.name + ".new")

@@ -12,6 +12,8 @@ import fcntl
 import json
 import os
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,6 +29,18 @@ def _sync_folder(folder: Path) -> None:
         os.close(descriptor)
 
 
+@contextmanager
+def _told(place: Path) -> Iterator[None]:
+    """Say where and why a file cannot be written: a full disk must not be taken for a lost port."""
+    try:
+        yield
+    except OSError as error:
+        raise CaptureError(
+            f"{place}: expected to write here, found: {error.strerror}. What was written before is intact; make room, "
+            "or choose another folder with --out."
+        ) from None
+
+
 def utc_name(utc: float) -> str:
     """A time as it is used in file names: ``20240131T235959Z``."""
     return time.strftime("%Y%m%dT%H%M%SZ", time.gmtime(utc))
@@ -37,13 +51,16 @@ class Journal:
     ``note`` returns."""
 
     def __init__(self, path: Path) -> None:
-        self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+        self._path = path
+        with _told(path):
+            self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
 
     def note(self, event: str, **details: Any) -> None:
         """Append an event with the present UTC."""
         line = json.dumps({"utc": round(time.time(), 3), "event": event, **details}, default=str) + "\n"
-        os.write(self._descriptor, line.encode())
-        os.fsync(self._descriptor)
+        with _told(self._path):
+            os.write(self._descriptor, line.encode())
+            os.fsync(self._descriptor)
 
     def close(self) -> None:
         """Close the file."""
@@ -119,38 +136,58 @@ class RotatingLog:
         self.opened = 0.0
 
     def write(self, data: bytes) -> None:
-        """Append; opens a file if none is open."""
+        """Append; opens a file if none is open.
+
+        Raises
+        ------
+        CaptureError : the disk is full or gone.
+        """
         if not data:
             return
-        now = time.time()
-        if self._log < 0:
-            self._open(now)
-        monotonic = time.monotonic()
-        if monotonic - self._stamped >= 1.0:
-            line = f"{self.size} {time.time_ns()} {time.monotonic_ns()}\n"
-            os.write(self._times, line.encode())
-            self._stamped = monotonic
-        view = memoryview(data)
-        while view:
-            view = view[os.write(self._log, view) :]
-        self.size += len(data)
-        if monotonic - self._synced >= self._sync_s:
-            os.fsync(self._log)
-            self._synced = monotonic
+        with _told(self._folder):
+            fresh = self._log < 0
+            if fresh:
+                self._open(time.time())
+            monotonic = time.monotonic()
+            if monotonic - self._stamped >= 1.0:
+                line = f"{self.size} {time.time_ns()} {time.monotonic_ns()}\n"
+                os.write(self._times, line.encode())
+                self._stamped = monotonic
+            view = memoryview(data)
+            while view:
+                written = os.write(self._log, view)
+                self.size += written
+                view = view[written:]
+            if monotonic - self._synced >= self._sync_s:
+                os.fsync(self._log)
+                self._synced = monotonic
+            if fresh:
+                _sync_folder(self._folder)
 
-    def rotate(self) -> str | None:
-        """Complete the present file; returns its name, or None if none was open."""
+    def rotate(self, tail: bytes = b"") -> str | None:
+        """Complete the present file; returns its name, or None if none was open.
+
+        Parameters
+        ----------
+        tail : the last bytes written, which belong in the next file. They are in one of the two at any time, for a
+            moment in both.
+        """
         if self._log < 0:
             return None
-        for descriptor in (self._log, self._times):
-            os.fsync(descriptor)
-            os.close(descriptor)
+        log, times, name, size = self._log, self._times, self._name, self.size
         self._log = self._times = -1
         self.size = 0
-        for suffix in (".bin", ".times"):
-            (self._folder / f"{self._name}{suffix}.part").rename(self._folder / f"{self._name}{suffix}")
-        _sync_folder(self._folder)
-        return f"{self._name}.bin"
+        self.write(tail)
+        with _told(self._folder):
+            if tail:
+                os.ftruncate(log, size - len(tail))
+            for descriptor in (log, times):
+                os.fsync(descriptor)
+                os.close(descriptor)
+            for suffix in (".bin", ".times"):
+                (self._folder / f"{name}{suffix}.part").rename(self._folder / f"{name}{suffix}")
+            _sync_folder(self._folder)
+        return f"{name}.bin"
 
     def _open(self, now: float) -> None:
         stamp = utc_name(now)
@@ -165,5 +202,4 @@ class RotatingLog:
         flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND
         self._log = os.open(self._folder / f"{self._name}.bin.part", flags, 0o644)
         self._times = os.open(self._folder / f"{self._name}.times.part", flags, 0o644)
-        _sync_folder(self._folder)
         self.size, self._stamped, self.opened = 0, 0.0, now

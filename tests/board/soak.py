@@ -72,12 +72,14 @@ def soak(folder: Path, seconds: float, unplugs: int, others: int, speed: float =
         whole |= (begins >= start) & (begins + size <= end)
     follower = reader.report.follower
     lost = np.flatnonzero(whole)[~np.isin(np.flatnonzero(whole), tick)]
-    ends = np.array([end for _, end in emulator.delivered])
-    # A frame at the very end of a delivered stretch was still in the cable when it was pulled, or next to
-    # a fault.
-    to_end = [int((ends[ends >= begins[row] + size] - begins[row] - size).min()) for row in lost]
+    # How many bytes of its delivered stretch lie before and after a lost frame: at its end it was still in the cable,
+    # at its beginning it was discarded on opening.
+    around = [
+        next((begins[row] - start, end - begins[row] - size) for start, end in emulator.delivered if end > begins[row])
+        for row in lost
+    ]
     return {
-        "lost_frames_bytes_to_end_of_stretch": to_end,
+        "lost_frames_bytes_before_and_after": [[int(before), int(after)] for before, after in around],
         "seconds": seconds,
         "speed": speed,
         "frames_sent": ticks,

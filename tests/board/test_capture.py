@@ -12,13 +12,15 @@ import time
 import numpy as np
 import pytest
 
-from glider_jax.board import frames
-from glider_jax.board.capture import Capture, Options, open_port
+from glider_jax.board import frames, logfile
+from glider_jax.board import port as ports
+from glider_jax.board.capture import Capture, Options
 from glider_jax.board.clock import read_arrivals
 from glider_jax.board.decoder import decode_bytes, read_pieces
 from glider_jax.board.emulator import Emulator, PtyLine, TcpLine
 from glider_jax.board.faults import Fault
 from glider_jax.board.logfile import Folder, Journal, RotatingLog, read_journal
+from glider_jax.board.port import open_port
 from glider_jax.board.record import read_log
 from glider_jax.errors import CaptureError, DataError
 from tests.board.soak import CAPTURE, soak
@@ -179,6 +181,104 @@ def test_tcp(tmp_path):
     truth = decode_bytes(data)[0].samples[0].counts
     np.testing.assert_array_equal(batch.samples[0].counts, truth[batch.samples[0].tick])
     assert status.outages >= 1 and captured(tmp_path / "log").startswith(data[:1500])
+
+
+def count_reads(monkeypatch):
+    """Every byte that the system hands to the capture, in order."""
+    received, read = [], os.read
+
+    def counted(descriptor, size):
+        data = read(descriptor, size)
+        received.append(data)
+        return data
+
+    monkeypatch.setattr(ports.os, "read", counted)
+    return received
+
+
+def test_every_byte_read_is_in_the_log_though_the_cable_goes_in_the_middle(tmp_path, monkeypatch):
+    received = count_reads(monkeypatch)
+    monkeypatch.setattr(Emulator, "_drain", lambda self, stop: None)
+    pulls = [Fault(at, "unplug", 0.05) for at in (1500, 6000, 9500)]
+    _, thread, _ = start(PtyLine(tmp_path / "tty"), stream(600), 6000.0, pulls)
+    options = Options(str(tmp_path / "tty"), tmp_path / "log", duration_s=3.5, retry_s=0.02, rotate_bytes=3000)
+    status = Capture(options).run()
+    thread.join(5)
+    assert status.outages >= 3 and len(b"".join(received)) > 5000
+    assert captured(tmp_path / "log") == b"".join(received)
+
+
+def test_bytes_that_wait_when_the_port_is_opened_are_kept(tmp_path):
+    line, data = PtyLine(tmp_path / "tty"), stream(20)
+    line.plug()
+    line.send(data)
+    while line.drained():
+        time.sleep(0.01)
+    port = open_port(str(tmp_path / "tty"), 9600)
+    assert port.read() == data
+    port.close()
+    line.unplug()
+
+
+def test_bytes_that_wait_when_the_capture_is_stopped_are_kept(tmp_path):
+    line, data = PtyLine(tmp_path / "tty"), stream(20)
+    line.plug()
+    capture = Capture(Options(str(tmp_path / "tty"), tmp_path / "log"))
+    line.send(data)
+    while line.drained():
+        time.sleep(0.01)
+    capture.stop.set()
+    capture.run()
+    line.unplug()
+    assert captured(tmp_path / "log") == data
+
+
+def test_a_kill_while_a_file_is_completed_loses_nothing(tmp_path, monkeypatch):
+    class Killed(BaseException):
+        pass
+
+    def kill(*_):
+        raise Killed
+
+    data = stream(3)
+    log = RotatingLog(tmp_path)
+    log.write(data[:50])
+    for name in ("ftruncate", "fsync"):
+        with monkeypatch.context() as patch:
+            patch.setattr(logfile.os, name, kill)
+            with pytest.raises(Killed):
+                log.rotate(data[44:50])
+        Folder(tmp_path).close()
+        both = [p.read_bytes() for p in sorted(tmp_path.glob("*.bin.part"))]
+        assert both[0][:44] + both[1] == data[:50]
+        batch, _ = decode_bytes(b"".join(both) + data[50:])
+        assert batch.samples[0].tick.tolist() == [0, 1, 2]
+        for path in tmp_path.iterdir():
+            path.unlink()
+        log = RotatingLog(tmp_path)
+        log.write(data[:50])
+
+
+def test_a_full_disk_is_told_and_not_taken_for_a_lost_port(tmp_path, monkeypatch):
+    _, thread, stop = start(PtyLine(tmp_path / "tty"), stream(400), 6000.0)
+    write, room = os.write, [1000]
+
+    def full(descriptor, data):
+        # Only the log writes views; the emulator shares this module's os.
+        if isinstance(data, memoryview):
+            if len(data) > room[0]:
+                raise OSError(28, "No space left on device")
+            room[0] -= len(data)
+        return write(descriptor, data)
+
+    monkeypatch.setattr(logfile.os, "write", full)
+    with pytest.raises(CaptureError, match="No space left on device.*make room"):
+        Capture(Options(str(tmp_path / "tty"), tmp_path / "log", duration_s=10.0)).run()
+    stop.set()
+    thread.join(5)
+    monkeypatch.undo()
+    assert stream(400).startswith(captured(tmp_path / "log"))
+    Folder(tmp_path / "log").close()
 
 
 class TestClearErrors:
