@@ -17,17 +17,32 @@ from glider_jax.records import Source
 
 #: Every kind of :class:`SurfaceRule`.
 SURFACE_KINDS = (
-    "every",
-    "after",
-    "no_comms",
-    "waypoint",
-    "utc",
-    "mission_done",
-    "yo_done",
-    "inflections",
-    "waypoint_distance",
+    "every", "after", "no_comms", "waypoint", "utc", "mission_done", "yo_done", "inflections", "waypoint_distance",
     "science",
-)
+)  # fmt: skip
+
+#: Conditions of a mission program: what is compared, its SI unit, and +1 where more meets it, -1 less, 0 the same.
+PROGRAM_CONDITIONS: dict[str, tuple[str, str, int]] = {
+    "state_of_charge_below": ("state_of_charge", "1", -1),
+    "state_of_charge_above": ("state_of_charge", "1", 1),
+    "energy_used_above": ("energy_used", "J", 1),
+    "energy_used_below": ("energy_used", "J", -1),
+    "elapsed_above": ("elapsed", "s", 1),
+    "elapsed_below": ("elapsed", "s", -1),
+    "time_after": ("time", "s", 1),
+    "time_before": ("time", "s", -1),
+    "bottom_shallower_than": ("bottom", "m", -1),
+    "bottom_deeper_than": ("bottom", "m", 1),
+    "current_faster_than": ("current", "m s-1", 1),
+    "current_slower_than": ("current", "m s-1", -1),
+    "waypoint_closer_than": ("waypoint_distance", "m", -1),
+    "waypoint_farther_than": ("waypoint_distance", "m", 1),
+    "flying_to_waypoint": ("flying_to_waypoint", "1", 0),
+}
+#: What a rule of a mission program may change, as fields of :class:`ProgramRule`.
+PROGRAM_ACTIONS = (
+    "goto", "dive_to", "climb_to", "altitude", "pitch", "surface_every", "surface_now", "end_mission",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -201,6 +216,45 @@ class Aborts:
 
 
 @dataclass(frozen=True)
+class Condition:
+    """One comparison: ``kind`` of :data:`PROGRAM_CONDITIONS` and the SI ``value`` compared with, waypoints from 1."""
+
+    kind: str
+    value: float
+
+
+@dataclass(frozen=True)
+class ProgramRule:
+    """One rule of a mission program: ``when`` all conditions hold, the rest is done; None and False change nothing.
+
+    Conditions are looked at where a glider can: at the end of a yo (of a bundle of short ones) and at the surface.
+    ``goto`` a place (latitude, longitude) or ``home``, the start: the mission ends there; or a waypoint of the list by
+    number from 1, or ``next``: the list goes on from it. ``dive_to``, ``climb_to``, ``altitude`` m and ``pitch`` rad
+    replace the yo's, ``surface_every`` s the period of rules ``every`` and ``after`` from the next dive on.
+    ``surface_now`` comes up, ``end_mission`` comes up for good. ``once`` stays in force when it has acted; else it
+    holds only while its conditions do, and what was before returns.
+    """
+
+    when: tuple[Condition, ...]
+    name: str = ""
+    goto: tuple[float, float] | str | int | None = None
+    dive_to: float | None = None
+    climb_to: float | None = None
+    altitude: float | None = None
+    pitch: float | None = None
+    surface_every: float | None = None
+    surface_now: bool = False
+    end_mission: bool = False
+    once: bool = True
+
+    @property
+    def actions(self) -> tuple[str, ...]:
+        """Names of what the rule changes."""
+        given = {name: getattr(self, name) for name in PROGRAM_ACTIONS}
+        return tuple(name for name, value in given.items() if value is not None and value is not False)
+
+
+@dataclass(frozen=True)
 class Mission:
     """A mission as flown.
 
@@ -209,6 +263,7 @@ class Mission:
     list for ever, -2 flies it once, N flies N legs. ``first_waypoint`` is the index flown to first; None takes the
     closest. ``surface_stay`` s at the surface per call. ``current_correction`` aims off for the glider's own estimate
     of the current. ``unsupported`` lists what the files name and the simulator leaves out; it is printed.
+    ``program`` are rules on what the mission meets, the first that sets something wins.
     """
 
     name: str
@@ -227,6 +282,7 @@ class Mission:
     unsupported: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     source: Source = Source("default")
+    program: tuple[ProgramRule, ...] = ()
 
 
 def check_vehicle(vehicle: Vehicle, where: str = "vehicle") -> None:
@@ -336,6 +392,10 @@ def check_mission(mission: Mission, where: str = "mission") -> None:
     over = mission.aborts.overdepth
     if over is not None and over <= yo.climb_to:
         raise ConfigError(f"{where}: overdepth of {over:g} m aborts before the yo begins at {yo.climb_to:g} m.")
+    for i, program in enumerate(mission.program, 1):
+        _check_conditions(program, mission, f"{where}: program rule {i}")
+        _check_actions(program, mission, f"{where}: program rule {i}")
+        _check_priority(program, mission.program[: i - 1], f"{where}: program rule {i}")
 
 
 def _check_rule(rule: SurfaceRule, where: str) -> None:
@@ -351,3 +411,90 @@ def _check_rule(rule: SurfaceRule, where: str) -> None:
         raise ConfigError(f"{where}: kind 'utc' needs a time, found none. Add it.")
     if rule.seconds < 0.0 or rule.distance < 0.0 or rule.count < 0:
         raise ConfigError(f"{where}: expected seconds, distance and count of at least 0, found less. Correct it.")
+
+
+def _check_conditions(rule: ProgramRule, mission: Mission, where: str) -> None:
+    """Refuse conditions that are unknown, out of range, or never met together."""
+    if not rule.when:
+        raise ConfigError(f"{where}: expected at least one condition, found none. Add when = {{ ... }}.")
+    limits: dict[str, list[float]] = {}
+    for condition in rule.when:
+        kind, value = condition.kind, condition.value
+        if kind not in PROGRAM_CONDITIONS:
+            raise ConfigError(f"{where}: unknown condition '{kind}'.{did_you_mean(kind, PROGRAM_CONDITIONS)}")
+        quantity, _, side = PROGRAM_CONDITIONS[kind]
+        if quantity == "state_of_charge" and not 0.0 < value < 1.0:
+            raise ConfigError(f"{where}: {kind}: expected a share above 0 and below 1, found {value:g}. Correct it.")
+        if quantity == "flying_to_waypoint" and value not in range(1, len(mission.waypoints) + 1):
+            raise ConfigError(f"{where}: {kind}: expected 1 to {len(mission.waypoints)}, found {value:g}. Correct it.")
+        if not np.isfinite(value) or value < 0.0:
+            raise ConfigError(f"{where}: {kind}: expected a number of at least 0, found {value:g}. Correct it.")
+        low, high = limits.setdefault(quantity, [-np.inf, np.inf])
+        limits[quantity] = [max(low, value) if side >= 0 else low, min(high, value) if side <= 0 else high]
+        low, high = limits[quantity]
+        if low > high or (low == high and side != 0):
+            raise ConfigError(
+                f"{where}: {quantity.replace('_', ' ')}: expected conditions that can be met together, found more than "
+                f"{low:g} and less than {high:g}. Correct one of them."
+            )
+    floor = mission.aborts.remaining_charge
+    below = limits.get("state_of_charge", [0.0, 1.0])[1]
+    if floor is not None and below <= floor:
+        raise ConfigError(
+            f"{where}: charge below {below:g}: never met, the mission aborts at {floor:g}. Correct either."
+        )
+
+
+def _check_actions(rule: ProgramRule, mission: Mission, where: str) -> None:
+    """Refuse actions that are impossible or contradict the mission or each other."""
+    if not rule.actions:
+        raise ConfigError(
+            f"{where}: expected something to do, found nothing. Known in 'then': {', '.join(PROGRAM_ACTIONS)}."
+        )
+    goto, count = rule.goto, len(mission.waypoints)
+    if isinstance(goto, str) and goto not in ("home", "next"):
+        raise ConfigError(
+            f"{where}: goto: expected [latitude, longitude], 'home', 'next' or the number of a waypoint, found "
+            f"'{goto}'.{did_you_mean(goto, ('home', 'next'))}"
+        )
+    if isinstance(goto, int) and not 1 <= goto <= count:
+        raise ConfigError(f"{where}: goto: expected a waypoint from 1 to {count}, found {goto}. Correct it.")
+    if isinstance(goto, tuple) and not (abs(goto[0]) <= 90.0 and abs(goto[1]) <= 360.0):
+        raise ConfigError(f"{where}: goto: expected [latitude, longitude] in degrees, found {list(goto)}. Correct it.")
+    others = set(rule.actions) - {"end_mission", "surface_now"}
+    if rule.end_mission and others:
+        raise ConfigError(f"{where}: end_mission leaves nothing to {', '.join(sorted(others))}. Keep one of them.")
+    if rule.end_mission and not rule.once:
+        raise ConfigError(f"{where}: end_mission with once = false: an end cannot be taken back. Leave 'once' out.")
+    for name in ("dive_to", "climb_to", "altitude"):
+        value = getattr(rule, name)
+        if value is not None and not (np.isfinite(value) and 0.0 <= value <= 7000.0):
+            raise ConfigError(f"{where}: {name}: expected 0 to 7000 m, found {value:g}. Correct it.")
+    deep = mission.yo.dive_to if rule.dive_to is None else rule.dive_to
+    high = mission.yo.climb_to if rule.climb_to is None else rule.climb_to
+    if not high < deep:
+        raise ConfigError(
+            f"{where}: expected dive_to deeper than climb_to, found {deep:g} m and {high:g} m. Correct one of them."
+        )
+    over = mission.aborts.overdepth
+    if over is not None and deep > over:
+        raise ConfigError(f"{where}: dive_to of {deep:g} m lies below the overdepth of {over:g} m. Correct either.")
+    if rule.pitch is not None and not 4.999 <= np.degrees(rule.pitch) <= 60.001:
+        raise ConfigError(f"{where}: pitch: expected 5 to 60 degrees, found {np.degrees(rule.pitch):.1f}. Correct it.")
+    every = rule.surface_every
+    if every is not None and not every > 0.0:
+        raise ConfigError(f"{where}: surface_every: expected more than 0 s, found {every:g}. Correct it.")
+    if every is not None and not any(r.kind in ("every", "after") for r in mission.surface):
+        raise ConfigError(f"{where}: surface_every: expected a surface rule 'every' or 'after', found none. Add one.")
+
+
+def _check_priority(rule: ProgramRule, before: tuple[ProgramRule, ...], where: str) -> None:
+    """Refuse a rule of which an earlier one takes everything away: the first that sets something wins."""
+    for number, other in enumerate(before, 1):
+        same = set(other.when) == set(rule.when) and (other.once or not rule.once)
+        both = [name for name in rule.actions if name in other.actions and name not in ("surface_now", "end_mission")]
+        if same and both:
+            raise ConfigError(
+                f"{where}: rule {number} has the same conditions and sets {both[0]} already, so this one never does. "
+                "Join them, or change a condition."
+            )
