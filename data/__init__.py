@@ -16,9 +16,14 @@ from glider_jax.errors import DataError, did_you_mean
 _SUFFIXES = (".nc", ".toml", ".json", ".mi", ".ma", ".npz")
 
 
+def folder() -> Path:
+    """Where the bundled files lie."""
+    return Path(str(resources.files(__name__)))
+
+
 def names() -> tuple[str, ...]:
     """Names of all bundled files, folders with a slash, as ``path`` takes them."""
-    root = Path(str(resources.files(__name__)))
+    root = folder()
     found = (item for item in root.rglob("*") if item.suffix in _SUFFIXES)
     return tuple(sorted(item.relative_to(root).as_posix() for item in found))
 

@@ -116,7 +116,7 @@ def draw_bathymetry(axes: Axes, grid: BathymetryGrid, limits: Limits, *, labels:
     depth = np.ma.masked_invalid(grid.depth[np.ix_(rows, columns)])
     latitude = grid.latitude[rows]
     deepest = float(depth.max()) if depth.count() else 0.0
-    levels = _depth_levels(float(np.ma.median(depth[depth > 0])) if (depth > 0).any() else 0.0, deepest)
+    levels = depth_levels(float(np.ma.median(depth[depth > 0])) if (depth > 0).any() else 0.0, deepest)
     if levels.size:
         fills = np.concatenate([[0.0], levels, [max(deepest, levels[-1]) * 1.01 + 1.0]])
         shades = [_SEA(k) for k in np.linspace(0.0, min(1.0, 0.2 * (fills.size - 2)), fills.size - 1)]
@@ -131,7 +131,7 @@ def draw_bathymetry(axes: Axes, grid: BathymetryGrid, limits: Limits, *, labels:
         axes.contour(longitude, latitude, depth, levels=[0.0], colors=SHORE, linewidths=0.9, zorder=0.8)
 
 
-def _depth_levels(middle: float, deepest: float) -> Array:
+def depth_levels(middle: float, deepest: float) -> Array:
     """Up to nine round depths, denser where most of the map lies."""
     inside = _DEPTHS[_DEPTHS < deepest].astype(float)
     while inside.size > 9:

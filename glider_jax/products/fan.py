@@ -19,7 +19,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from glider_jax.products import cartography as chart
-from glider_jax.products.atomic import atomic_path
+from glider_jax.products.figure_style import Style, hatch, save_figure, style_of
 from glider_jax.products.summary import summarise
 from glider_jax.products.wording import drawn
 from glider_jax.records import Array, Track
@@ -41,7 +41,8 @@ def plot_battery(
     summary: Mapping[str, Any] | None = None,
     reserve: float | None = None,
     title: str | None = None,
-    dpi: int = 120,
+    style: str = "screen",
+    dpi: int | None = None,
 ) -> Path:
     """Draw the battery chart of a forecast as PNG.
 
@@ -52,23 +53,25 @@ def plot_battery(
     summary : from ``summarise``; made from the track if None.
     reserve : share of the usable charge (0 to 1) drawn as the reserve; that of the summary if None.
     title : heading; mission and vehicle of the settings if None.
+    style, dpi : see ``products.figure_style``; the style's resolution if None.
     """
+    look = style_of(style)
     if summary is None:
         summary = summarise(track, reserve=reserve)
     battery = summary["battery"]
     level = battery["reserve_percent"] if reserve is None else 100.0 * reserve
     days = (float(track.time[0]) + 3600.0 * np.asarray(battery["fan"]["hours"], float)) / 86400.0
-    figure = Figure(figsize=_SIZE, dpi=dpi, facecolor="white")
+    figure = Figure(figsize=_SIZE, facecolor="white")
     FigureCanvasAgg(figure)
-    above = figure.add_axes((_LEFT, 0.445, _WIDTH, 0.435))
-    below = figure.add_axes((_LEFT, 0.085, _WIDTH, 0.30), sharex=above)
+    left = _LEFT if look.words else 0.1
+    above = figure.add_axes((left, 0.445, _WIDTH, 0.435))
+    below = figure.add_axes((left, 0.105, _WIDTH, 0.30), sharex=above)
     _draw_fan(above, days, battery, level)
-    _draw_energy(below, figure, days, battery["energy_wh"])
+    _draw_energy(below, figure, days, battery["energy_wh"], look)
     _date_axis(above, below, days)
-    _write_words(figure, summary, level, title)
-    with atomic_path(path) as temporary:
-        figure.savefig(temporary, format="png", metadata=_metadata(summary))
-    return Path(path)
+    if look.words:
+        _write_words(figure, summary, level, title)
+    return save_figure(figure, path, look, dpi=dpi, metadata=_metadata(summary))
 
 
 def _draw_fan(axes: Axes, days: Array, battery: Mapping[str, Any], level: float) -> None:
@@ -129,7 +132,9 @@ def grouped(energy: Mapping[str, list[float]]) -> list[tuple[str, Array]]:
     return found
 
 
-def _draw_energy(axes: Axes, figure: Figure, days: Array, energy: Mapping[str, list[float]]) -> None:
+def _draw_energy(
+    axes: Axes, figure: Figure, days: Array, energy: Mapping[str, list[float]], look: Style
+) -> None:
     """Mean energy drawn since the start, stacked by component, largest at the bottom."""
     parts = grouped(energy)
     axes.set_ylabel("mean energy drawn (Wh)", fontsize=10)
@@ -137,15 +142,22 @@ def _draw_energy(axes: Axes, figure: Figure, days: Array, energy: Mapping[str, l
         axes.text(0.5, 0.5, "no energy was drawn", ha="center", va="center", transform=axes.transAxes)
         return
     colours = [_OTHER if name.startswith("other (") else _COLOURS[k] for k, (name, _) in enumerate(parts)]
-    axes.stackplot(days, *(values for _, values in parts), colors=colours, edgecolor="white", linewidth=0.6)
+    drawn_parts = axes.stackplot(
+        days, *(values for _, values in parts), colors=colours, edgecolor="white", linewidth=0.6
+    )
+    for k, part in enumerate(drawn_parts):
+        part.set_hatch(hatch(look, k))
     total = sum(values[-1] for _, values in parts)
     axes.set_ylim(0.0, max(1.05 * float(max(sum(v for _, v in parts))), 1e-9))
     handles = [
-        Patch(color=colour, linewidth=0, label=drawn(f"{name}: {values[-1]:.3g} Wh ({values[-1] / total:.0%})"))
-        for colour, (name, values) in zip(colours, parts, strict=True)
+        Patch(
+            facecolor=colour, edgecolor="white", linewidth=0, hatch=hatch(look, k),
+            label=drawn(f"{name}: {values[-1]:.3g} Wh ({values[-1] / total:.0%})"),
+        )
+        for k, (colour, (name, values)) in enumerate(zip(colours, parts, strict=True))
     ]
     figure.legend(
-        handles=handles[::-1], loc="upper left", bbox_to_anchor=(_COLUMN - 0.008, 0.387), fontsize=9,
+        handles=handles[::-1], loc="upper left", bbox_to_anchor=(_COLUMN - 0.008 if look.words else 0.71, 0.407 if look.words else 0.42), fontsize=9,
         frameon=False, title=f"Drawn by the end: {total:.4g} Wh", title_fontproperties={"weight": "bold", "size": 9.5},
         alignment="left",
     )  # fmt: skip

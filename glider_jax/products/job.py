@@ -34,7 +34,8 @@ class Options:
     ``currents`` are files of one product, the word ``none``, or an artificial flow such as ``uniform:east=0.1``;
     ``bathymetry`` likewise (``sloping:depth=60,slope=0.001``). ``seafloor_from`` are recordings whose measured water
     depths are gridded, over ``bathymetry`` if both are given. ``days``, ``start`` (UTC seconds), ``start_position``
-    (latitude, longitude). ``polygons`` is a GeoJSON file. ``outputs`` names the products to write.
+    (latitude, longitude). ``polygons`` is a GeoJSON file. ``outputs`` names the products to write, ``html`` (off by
+    default) among them; ``style`` is that of the figures, see ``products.figure_style``.
     """
 
     n: int = 5000
@@ -60,6 +61,7 @@ class Options:
     precision: str = "float32"
     decimal_degrees: bool = False
     outputs: frozenset[str] = frozenset({"nc", "json", "geojson", "kmz", "map", "battery"})
+    style: str = "screen"
 
 
 @dataclass(frozen=True)
@@ -342,7 +344,7 @@ def run_ensemble(options: Options, out: Path | None, progress: Callable[[int], N
         raise
     result = summary.result()
     if out is not None:
-        files |= write_products(whole, result, inputs, out, options.outputs)
+        files |= write_products(whole, result, inputs, out, options.outputs, options.style)
     return Result(result, files, whole)
 
 
@@ -354,8 +356,10 @@ def _read_polygons(path: Path | None):
     return read_polygons(path)
 
 
-def write_products(track: Track, summary: dict[str, Any], inputs: Inputs, out: Path, outputs) -> dict[str, Path]:
-    """Write every product but the netCDF file and return their paths by kind."""
+def write_products(
+    track: Track, summary: dict[str, Any], inputs: Inputs, out: Path, outputs, style: str = "screen"
+) -> dict[str, Path]:
+    """Write every product but the netCDF file and return their paths by kind; ``style`` is that of the figures."""
     files = {}
     if "json" in outputs:
         files["json"] = write_text(out / "summary.json", json.dumps(summary, indent=1, allow_nan=False) + "\n")
@@ -371,11 +375,16 @@ def write_products(track: Track, summary: dict[str, Any], inputs: Inputs, out: P
         from glider_jax.products.maps import plot_map
 
         files["map"] = plot_map(
-            track, out / "map.png", bathymetry=inputs.bathymetry, currents=inputs.currents, summary=summary
+            track, out / "map.png", bathymetry=inputs.bathymetry, currents=inputs.currents, summary=summary, style=style
         )
     if "battery" in outputs:
         from glider_jax.products.fan import plot_battery
 
-        files["battery"] = plot_battery(track, out / "battery.png", summary=summary)
+        files["battery"] = plot_battery(track, out / "battery.png", summary=summary, style=style)
+    if "html" in outputs:
+        from glider_jax.products.html.forecast import Fields, write_report
+
+        fields = Fields(inputs.bathymetry, inputs.currents)
+        files["html"] = write_report(track, summary, out / "report.html", fields=fields)
     return files
 

@@ -23,8 +23,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import FancyBboxPatch
 
 from glider_jax.products import cartography as chart
-from glider_jax.products.atomic import atomic_path
 from glider_jax.products.coordinates import unwrap_longitude
+from glider_jax.products.figure_style import save_figure, style_of
 from glider_jax.products.summary import summarise
 from glider_jax.products.wording import drawn
 from glider_jax.records import Array, BathymetryGrid, CurrentGrid, Track
@@ -33,6 +33,7 @@ _TRACKS = 12
 _MOST_POINTS = 2_000_000
 _MAIN = (0.065, 0.095, 0.565, 0.80)
 _ZOOM = (0.715, 0.475, 0.265, 0.42)
+_ZOOM_ALONE = (0.715, 0.29, 0.265, 0.42)
 _SIZE = (13.0, 8.6)
 # Shares of the width and height of the map that the legend and the key take.
 _LEGEND, _KEY = (0.26, 0.22), (0.35, 0.11)
@@ -47,7 +48,8 @@ def plot_map(
     currents: CurrentGrid | None = None,
     summary: Mapping[str, Any] | None = None,
     title: str | None = None,
-    dpi: int = 120,
+    style: str = "screen",
+    dpi: int | None = None,
 ) -> Path:
     """Draw the map of a forecast as PNG.
 
@@ -58,14 +60,16 @@ def plot_map(
     bathymetry, currents : what lies under the tracks; either may be absent.
     summary : from ``summarise``; made from the track if None.
     title : heading; the name of the mission in the settings if None.
+    style, dpi : see ``products.figure_style``; the style's resolution if None.
     """
+    look = style_of(style)
     summary = summarise(track) if summary is None else summary
     reference = float(summary["forecast"]["start_place"]["longitude"])
     longitude = unwrap_longitude(track.longitude, reference)
-    figure = Figure(figsize=_SIZE, dpi=dpi, facecolor="white")
+    figure = Figure(figsize=_SIZE, facecolor="white")
     FigureCanvasAgg(figure)
-    main, zoom = figure.add_axes(_MAIN), figure.add_axes(_ZOOM)
-    limits = _main_limits(track, longitude, summary, reference)
+    main, zoom = figure.add_axes(_MAIN), figure.add_axes(_ZOOM if look.words else _ZOOM_ALONE)
+    limits = map_limits(track, longitude, summary, reference)
     chart.prepare(main, limits)
     if bathymetry is not None:
         chart.draw_bathymetry(main, bathymetry, limits)
@@ -80,10 +84,9 @@ def plot_map(
     _draw_legend(main, shown, key, currents, legend)
     _draw_key(main, mesh, key_corner)
     _draw_zoom(zoom, track, longitude, summary, reference, bathymetry)
-    _write_words(figure, track, summary, title)
-    with atomic_path(path) as temporary:
-        figure.savefig(temporary, format="png", metadata=_metadata(summary))
-    return Path(path)
+    if look.words:
+        _write_words(figure, track, summary, title)
+    return save_figure(figure, path, look, dpi=dpi, metadata=_metadata(summary))
 
 
 def _metadata(summary: Mapping[str, Any]) -> dict[str, str]:
@@ -95,8 +98,14 @@ def _metadata(summary: Mapping[str, Any]) -> dict[str, str]:
     }
 
 
-def _main_limits(track: Track, longitude: Array, summary: Mapping[str, Any], reference: float) -> chart.Limits:
-    """Limits that hold all but the farthest thousandth of the members' places, the regions shown and the waypoints."""
+def map_limits(
+    track: Track, longitude: Array, summary: Mapping[str, Any], reference: float, ratio: float | None = None
+) -> chart.Limits:
+    """Limits that hold all but the farthest thousandth of the members' places, the regions shown and the waypoints.
+
+    Longitudes are unwrapped around ``reference``; ``ratio`` is the width of the map over its height, that of the
+    static map if None.
+    """
     active = np.asarray(track.active)
     if not active.any():
         # All ended at the start: their last places are all there is.
@@ -108,7 +117,7 @@ def _main_limits(track: Track, longitude: Array, summary: Mapping[str, Any], ref
     return chart.limits_around(
         np.concatenate([lat, marks[:, 0]]),
         np.concatenate([lon, unwrap_longitude(marks[:, 1], reference)]),
-        ratio=_MAIN[2] * _SIZE[0] / (_MAIN[3] * _SIZE[1]),
+        ratio=_MAIN[2] * _SIZE[0] / (_MAIN[3] * _SIZE[1]) if ratio is None else ratio,
         least_km=5.0,
     )
 
@@ -221,7 +230,7 @@ def _chosen(entries: list[Mapping[str, Any]], most: int = 4) -> list[Mapping[str
 
 
 def _draw_positions(axes: Axes, summary: Mapping[str, Any], reference: float) -> bool:
-    """Regions at chosen times: 50 % as a thick line, 90 % as a thin one, labelled with hours."""
+    """Regions at chosen times: 50 % as a solid line, 90 % as a dashed one, labelled with hours."""
     chosen = _chosen(summary["positions"])
     taken: list[tuple[float, float]] = []
     height = float(np.ptp(axes.get_ylim()))
@@ -230,7 +239,7 @@ def _draw_positions(axes: Axes, summary: Mapping[str, Any], reference: float) ->
             inner = region["probability"] <= 0.5
             chart.draw_rings(
                 axes, region["geometry"], reference, color=chart.ORANGE if inner else chart.VERMILLION,
-                linewidth=1.8 if inner else 1.3, zorder=5,
+                linewidth=1.8 if inner else 1.3, linestyle="-" if inner else (0, (5, 2)), zorder=5,
             )  # fmt: skip
         place = entry["place"]
         top = max(
@@ -309,7 +318,7 @@ def _draw_legend(axes: Axes, regions: bool, key: float | None, currents: Current
     if regions:
         handles += [
             Line2D([], [], color=chart.ORANGE, linewidth=1.8, label="50 % region"),
-            Line2D([], [], color=chart.VERMILLION, linewidth=1.3, label="90 % region"),
+            Line2D([], [], color=chart.VERMILLION, linewidth=1.3, linestyle=(0, (5, 2)), label="90 % region"),
         ]
     if key is not None:
         depth = float(currents.depth[0]) if currents.depth.size else 0.0
@@ -352,8 +361,11 @@ def _draw_zoom(
             ".", color=colour, markersize=1.6, alpha=0.5, zorder=3,
         )  # fmt: skip
         for region in entry["regions"]:
-            width = 2.0 if region["probability"] <= 0.5 else 1.1
-            chart.draw_rings(axes, region["geometry"], reference, color=colour, linewidth=width, zorder=5)
+            inner = region["probability"] <= 0.5
+            chart.draw_rings(
+                axes, region["geometry"], reference, color=colour, linewidth=2.0 if inner else 1.1,
+                linestyle="-" if inner else (0, (5, 2)), zorder=5,
+            )  # fmt: skip
         axes.text(
             float(unwrap_longitude(entry["place"]["longitude"], reference)), entry["place"]["latitude"],
             str(entry["number"]), ha="center", va="center", fontsize=10, fontweight="bold", color=colour,
@@ -361,7 +373,7 @@ def _draw_zoom(
         )  # fmt: skip
     chart.draw_scale_bar(axes, limits)
     axes.tick_params(labelsize=7)
-    axes.set_title("Next surfacings: 50 % (thick) and 90 % (thin) regions", fontsize=9.5, loc="left")
+    axes.set_title("Next surfacings: 50 % (solid) and 90 % (dashed) regions", fontsize=9.5, loc="left")
 
 
 def _clock(text: str | None) -> str:

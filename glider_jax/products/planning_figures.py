@@ -10,14 +10,16 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from glider_jax.products import cartography as chart
-from glider_jax.products.atomic import atomic_path
+from glider_jax.products.figure_style import save_figure, style_of
 from glider_jax.products.planning import Setting
 from glider_jax.products.planning_choice import GOALS, Recommendation, Sensitivity, pareto
 
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 
 
-def plot_pareto(settings: Sequence[Setting], chosen: Sequence[Recommendation], path: Path) -> Path:
+def plot_pareto(
+    settings: Sequence[Setting], chosen: Sequence[Recommendation], path: Path, style: str = "screen"
+) -> Path:
     """Km, profiles and surfacings per day against energy per day; colour is the probability of success.
 
     Settings that none beats are ringed, those recommended starred; the marker tells the first choice made in words.
@@ -51,7 +53,7 @@ def plot_pareto(settings: Sequence[Setting], chosen: Sequence[Recommendation], p
                 panel.plot(*at, "o", mfc="none", mec=chart.BLACK, ms=10, mew=0.7, zorder=2)
             if id(s) in stars:
                 panel.plot(*at, "*", color=chart.VERMILLION, ms=15, mec="white", mew=0.6, zorder=5)
-        panel.set_xlabel("Wh per day")
+        panel.set_xlabel("energy per day (Wh)")
         panel.set_ylabel(label)
         panel.grid(True, color="#dddddd", linewidth=0.6)
         panel.set_axisbelow(True)
@@ -59,10 +61,12 @@ def plot_pareto(settings: Sequence[Setting], chosen: Sequence[Recommendation], p
         axes[0].legend(fontsize=8)
     axes[1].set_title("ringed: no other setting is better in every respect; star: recommended", fontsize=9)
     figure.colorbar(drawn, ax=list(axes), label="probability of success", shrink=0.9)
-    return _save(figure, path)
+    return save_figure(figure, path, style)
 
 
-def plot_tornado(found: Sequence[Sensitivity], goal: str, path: Path, title: str = "") -> Path:
+def plot_tornado(
+    found: Sequence[Sensitivity], goal: str, path: Path, title: str = "", style: str = "screen"
+) -> Path:
     """Change of energy and of the goal per step of each parameter, with the standard error of the paired members."""
     shown = list(found)[:14]
     figure = Figure(figsize=(11.0, 1.4 + 0.34 * len(shown)), layout="constrained")
@@ -81,11 +85,7 @@ def plot_tornado(found: Sequence[Sensitivity], goal: str, path: Path, title: str
         panel.grid(True, axis="x", color="#dddddd", linewidth=0.6)
         panel.set_axisbelow(True)
     axes[0].set_yticks(place, [f"{s.name} ({s.step})" for s in shown], fontsize=8)
-    figure.suptitle(title or "What the answer hangs on", fontsize=10)
-    return _save(figure, path)
+    if style_of(style).words:
+        figure.suptitle(title or "What the answer hangs on", fontsize=10)
+    return save_figure(figure, path, style)
 
-
-def _save(figure: Figure, path: Path) -> Path:
-    with atomic_path(path) as temporary:
-        figure.savefig(temporary, dpi=120, format="png", metadata={"Software": None})
-    return path

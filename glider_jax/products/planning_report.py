@@ -45,6 +45,8 @@ class PlanOptions:
     goal: str = "km"
     confidence: float = 0.9
     tornado: bool = True
+    html: bool = False
+    style: str = "screen"
 
 
 @dataclass(frozen=True)
@@ -110,12 +112,12 @@ def run_plan(options: PlanOptions, out: Path | None, progress: Callable[[int], N
         files["json"] = write_text(out / "plan.json", json.dumps(numbers, indent=1, allow_nan=False) + "\n")
         from glider_jax.products.planning_figures import plot_pareto, plot_tornado
 
-        files["pareto"] = plot_pareto(settings, chosen, out / "pareto.png")
+        files["pareto"] = plot_pareto(settings, chosen, out / "pareto.png", options.style)
         for one in chosen:
             if hangs.get(one.group):
                 name = f"tornado-{one.group}" if one.group else "tornado"
                 title = f"What the answer hangs on: {words(one.setting or one.best)}"
-                files[name] = plot_tornado(hangs[one.group], options.goal, out / f"{name}.png", title)
+                files[name] = plot_tornado(hangs[one.group], options.goal, out / f"{name}.png", title, options.style)
     return PlanResult(page, numbers, files, tuple(settings))
 
 

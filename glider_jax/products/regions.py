@@ -258,9 +258,14 @@ def simplify(ring: Array, tolerance: float) -> Array:
     Douglas and Peucker's method, split at the first point and the one farthest from it.
     """
     far = int(np.argmax(((ring - ring[0]) ** 2).sum(axis=1)))
+    return thin(ring, (0, far, len(ring) - 1), tolerance)
+
+
+def thin(ring: Array, anchors: tuple[int, ...], tolerance: float) -> Array:
+    """The same for a line, open or closed, between points that stay: ``anchors``, ascending, both ends among them."""
     keep = np.zeros(len(ring), bool)
-    keep[[0, far, len(ring) - 1]] = True
-    stack = [(0, far), (far, len(ring) - 1)]
+    keep[list(anchors)] = True
+    stack = list(zip(anchors[:-1], anchors[1:], strict=True))
     while stack:
         first, last = stack.pop()
         if last - first < 2:

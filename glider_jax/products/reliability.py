@@ -9,13 +9,13 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from glider_jax.products import scores
-from glider_jax.products.atomic import atomic_path
+from glider_jax.products.figure_style import save_figure
 from glider_jax.products.hindcast import Case
 
 _INK, _BLUE, _GREY = "#222222", "#1f6fb4", "#999999"
 
 
-def plot_reliability(cases: list[Case], path: Path) -> Path:
+def plot_reliability(cases: list[Case], path: Path, style: str = "screen") -> Path:
     """Draw coverage of places and times with 95 % intervals, and each case's error; return the path."""
     with matplotlib.rc_context({"font.size": 9}):
         figure = Figure(figsize=(8.0, 3.8), layout="constrained")
@@ -31,7 +31,7 @@ def plot_reliability(cases: list[Case], path: Path) -> Path:
             found = np.array([r["share"] for r in rows])
             low, high = np.array([r["interval"] for r in rows]).T
             bars = np.maximum([found - low, high - found], 0.0)
-            left.errorbar(promised + shift, found, bars, fmt="o", color=colour, capsize=3, label=name)
+            left.errorbar(promised + shift, found, bars, fmt="s" if name == "time" else "o", color=colour, capsize=3, label=name)
         left.set(xlabel="promised share", ylabel="found share", xlim=(0, 1), ylim=(0, 1.02))
         left.set_title(f"Coverage, {len(cases)} surfacings; bars 95 %")
         left.legend(frameon=False)
@@ -45,9 +45,7 @@ def plot_reliability(cases: list[Case], path: Path) -> Path:
         least = max(min(float(ours.min()), float(theirs.min())) * 0.8, 0.005)
         right.plot([least, most], [least, most], color=_GREY, linewidth=1)
         right.set(xscale="log", yscale="log", xlim=(least, most), ylim=(least, most))
-        right.set(xlabel="error of persistence, km", ylabel="error of the forecast, km")
+        right.set(xlabel="error of persistence (km)", ylabel="error of the forecast (km)")
         right.set_title("Each surfacing; below the line is better")
         right.legend(frameon=False, fontsize=7)
-        with atomic_path(path) as temporary:
-            figure.savefig(temporary, dpi=150, format="png")
-    return Path(path)
+        return save_figure(figure, path, style, dpi=150 if style == "screen" else None)

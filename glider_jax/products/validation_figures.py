@@ -23,7 +23,7 @@ from glider_jax.board.record import BoardRecord, collect
 from glider_jax.board.simulate import Flight, Plan, simulate
 from glider_jax.mission.speeds_fit import read_speeds
 from glider_jax.products import cartography as chart
-from glider_jax.products.atomic import atomic_path
+from glider_jax.products.figure_style import save_figure
 from glider_jax.products.validation import DAY, Row, ThreeYos
 from glider_jax.products.validation import Calibration as Constants
 from glider_jax.readers.recordings import read_recording
@@ -92,7 +92,7 @@ def amperes(record: BoardRecord, calibration: Calibration, *channels: str) -> Ar
     return total
 
 
-def figure_5(out: Path, constants: Constants, seed: int = 0) -> Path:
+def figure_5(out: Path, constants: Constants, seed: int = 0, style: str = "screen") -> Path:
     """Depth and pump current of a sea trial in water shallower than the commanded depth."""
     flight, record, calibration = _flight(constants, (4.2, 6.0, 8.5, 11.0, 12.0, 12.0), seed)
     time = (record.tick - record.tick[0]) * record.period / 60.0
@@ -104,10 +104,10 @@ def figure_5(out: Path, constants: Constants, seed: int = 0) -> Path:
     lower.set_ylabel("pump current (A)")
     lower.set_xlabel("time (min)")
     upper.set_title("Buoyancy pump and flight profile (emulated board, decoded)", fontsize=10)
-    return _save(figure, out / "figure-05-depth-and-pump.png")
+    return save_figure(figure, out / "figure-05-depth-and-pump.png", style)
 
 
-def figure_7(out: Path, constants: Constants, seed: int = 0) -> Path:
+def figure_7(out: Path, constants: Constants, seed: int = 0, style: str = "screen") -> Path:
     """Brake, pump, brake during one turn from dive to climb at about 12 m."""
     _, record, calibration = _flight(constants, (12.0,), seed)
     brake = amperes(record, calibration, "brake")
@@ -123,7 +123,7 @@ def figure_7(out: Path, constants: Constants, seed: int = 0) -> Path:
     axes.set_ylabel("current (A)")
     axes.set_title("One inflection at 12 m: the brake unlocks, the pump moves, the brake locks", fontsize=10)
     axes.legend(fontsize=8)
-    return _save(figure, out / "figure-07-inflection.png")
+    return save_figure(figure, out / "figure-07-inflection.png", style)
 
 
 def figure_8(out: Path, constants: Constants, recordings: Sequence[Path] = (), seed: int = 0) -> list[Path]:
@@ -140,7 +140,7 @@ def figure_8(out: Path, constants: Constants, recordings: Sequence[Path] = (), s
     return paths
 
 
-def figure_9(out: Path) -> Path:
+def figure_9(out: Path, style: str = "screen") -> Path:
     """Speed distributions at 25 and 26 degrees, over the ground and through the water."""
     figure, axes = _figure(1, (7.5, 4.2))
     colours = {25: chart.ORANGE, 26: chart.BLUE}
@@ -149,9 +149,9 @@ def figure_9(out: Path) -> Path:
         speed, probability = np.asarray(law.speeds, float), np.asarray(law.probabilities, float)
         edges = np.linspace(0.0, 0.8, 41)
         share = np.diff(np.interp(edges, speed, probability, left=0.0, right=1.0)) * 100.0
-        style = "-" if law.kind == "over_ground" else ":"
+        dashes = "-" if law.kind == "over_ground" else ":"
         axes.stairs(
-            share, edges, color=colours[degrees], linestyle=style, linewidth=1.4,
+            share, edges, color=colours[degrees], linestyle=dashes, linewidth=1.4,
             label=f"{degrees} degrees, {law.kind.replace('_', ' ')}: mean {law.mean_per_time:.3f} m/s per time, "
             f"{law.mean_per_distance:.3f} per distance",
         )  # fmt: skip
@@ -159,10 +159,10 @@ def figure_9(out: Path) -> Path:
     axes.set_ylabel("share of segments (%) per 0.02 m/s")
     axes.set_title("Speeds of dive segments (published totals; shape assumed)", fontsize=10)
     axes.legend(fontsize=7)
-    return _save(figure, out / "figure-09-speeds.png")
+    return save_figure(figure, out / "figure-09-speeds.png", style)
 
 
-def figure_10(out: Path, yos: ThreeYos) -> Path:
+def figure_10(out: Path, yos: ThreeYos, style: str = "screen") -> Path:
     """Three yos between 2 and 25 m."""
     figure, axes = _figure(1, (9.0, 4.4))
     minutes = yos.time / 60.0
@@ -184,10 +184,12 @@ def figure_10(out: Path, yos: ThreeYos) -> Path:
         f"overshoot {yos.overshoot:.1f} m", fontsize=10,
     )  # fmt: skip
     axes.legend(fontsize=8, loc="lower right")
-    return _save(figure, out / "figure-10-three-yos.png")
+    return save_figure(figure, out / "figure-10-three-yos.png", style)
 
 
-def figure_11(out: Path, rows: Sequence[Row], bathymetry: BathymetryGrid, currents: CurrentGrid) -> Path:
+def figure_11(
+    out: Path, rows: Sequence[Row], bathymetry: BathymetryGrid, currents: CurrentGrid, style: str = "screen"
+) -> Path:
     """Maps of the three SimDist runs: baseline, seafloor, seafloor and currents."""
     shown = [row for row in rows if row.paper.model == "distribution"]
     figure, axes = _figure(len(shown), (14.0, 4.6), columns=True)
@@ -211,10 +213,10 @@ def figure_11(out: Path, rows: Sequence[Row], bathymetry: BathymetryGrid, curren
             f"(published {row.paper.days:g} d, {row.paper.kilojoules:.0f} kJ)", fontsize=9, pad=18,
         )  # fmt: skip
         chart.draw_scale_bar(panel, limits)
-    return _save(figure, out / "figure-11-maps.png")
+    return save_figure(figure, out / "figure-11-maps.png", style)
 
 
-def figure_rows(out: Path, rows: Sequence[Row]) -> Path:
+def figure_rows(out: Path, rows: Sequence[Row], style: str = "screen") -> Path:
     """Days and energy of the six rows, published and ours with 5 to 95 %."""
     figure, axes = _figure(2, (11.0, 4.2), columns=True)
     place = np.arange(len(rows))[::-1]
@@ -231,7 +233,7 @@ def figure_rows(out: Path, rows: Sequence[Row]) -> Path:
         panel.set_xlabel(label)
         panel.set_yticks(place, [r.paper.name for r in rows] if panel is axes[0] else [""] * len(rows), fontsize=8)
     axes[0].legend(fontsize=8)
-    return _save(figure, out / "table-rows.png")
+    return save_figure(figure, out / "table-rows.png", style)
 
 
 def _figure(panels: int, size: tuple[float, float], *, sharex: bool = False, columns: bool = False):
@@ -244,8 +246,3 @@ def _figure(panels: int, size: tuple[float, float], *, sharex: bool = False, col
         panel.set_axisbelow(True)
     return figure, axes if panels > 1 else axes[0]
 
-
-def _save(figure: Figure, path: Path) -> Path:
-    with atomic_path(path) as temporary:
-        figure.savefig(temporary, dpi=120, format="png", metadata={"Software": None})
-    return path

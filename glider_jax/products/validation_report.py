@@ -37,6 +37,7 @@ class Options:
     flown_mission: Path | None = None
     flown_vehicle: str | Path | Vehicle = "slocum_g1_comet"
     figures: bool = True
+    style: str = "screen"
 
 
 @dataclass(frozen=True)
@@ -82,15 +83,16 @@ def _draw(out, options, calibration, rows, yos, bathymetry, currents) -> dict[st
     from glider_jax.products import validation_figures as figures
 
     real = (options.flown,) if options.flown is not None and options.flown.is_file() else ()
+    look = options.style
     paths = [
         *figures.figures_3_and_4(out, options.seed),
-        figures.figure_5(out, calibration, options.seed),
-        figures.figure_7(out, calibration, options.seed),
+        figures.figure_5(out, calibration, options.seed, look),
+        figures.figure_7(out, calibration, options.seed, look),
         *figures.figure_8(out, calibration, real, options.seed),
-        figures.figure_9(out),
-        figures.figure_10(out, yos),
-        figures.figure_11(out, rows, bathymetry, currents),
-        figures.figure_rows(out, rows),
+        figures.figure_9(out, look),
+        figures.figure_10(out, yos, look),
+        figures.figure_11(out, rows, bathymetry, currents, look),
+        figures.figure_rows(out, rows, look),
     ]
     return {path.stem: path for path in paths}
 
