@@ -20,6 +20,7 @@ from glider_jax.config import Vehicle
 from glider_jax.errors import ConfigError, Outcome
 from glider_jax.mission.legs import TabulatedLegs, tabulate
 from glider_jax.mission.plan import Plan, Shape
+from glider_jax.mission.program import start_program, with_program, with_tables
 from glider_jax.mission.randoms import START_STREAM, normals, words
 from glider_jax.mission.state import Environment, Log, Member, State, Sums
 from glider_jax.mission.step import next_due, sample_speed, step
@@ -130,6 +131,7 @@ def initial_state(plan: Plan, shape: Shape, env: Environment, member: Member, ea
         last_dive=jnp.ones_like(zero), last_climb=jnp.ones_like(zero), last_up=jnp.asarray(True), contacts=zero,
         outcome=jnp.int32(int(Outcome.FLYING)), end_time=nan, steps=jnp.int32(0),
         arrivals=(nan,) * shape.waypoints, surfaced=none, surfaced_before=none, left=none, left_before=none,
+        program=start_program(shape, dtype),
     )  # fmt: skip
 
 
@@ -194,18 +196,19 @@ def fly(members: Member, plan: Plan, shape: Shape, env: Environment, column: Col
     """
     interval = plan.interval
     dtype = interval.dtype
+    advance, make_legs = with_program(step, shape), with_tables(flight_legs, shape)
 
     def block(state, b):
         start = (b * shape.intervals).astype(dtype) * interval
         legs = None
         if shape.speed == "flight":
-            legs = jax.vmap(lambda m: flight_legs(m, plan, column, start))(members)
+            legs = jax.vmap(lambda m: make_legs(m, plan, column, start))(members)
 
         def until(state, k):
             index = b * shape.intervals + k
             base = index.astype(dtype) * interval
             clock = env.currents.clock(jnp.zeros((), dtype), interval, index)
-            one = jax.vmap(lambda m, g, go, s: step(m, plan, shape, env, g, clock, base, go, s))
+            one = jax.vmap(lambda m, g, go, s: advance(m, plan, shape, env, g, clock, base, go, s))
 
             def pending(state):
                 # The last block may hold more intervals than the forecast: nothing flies in those.

@@ -18,6 +18,7 @@ from glider_jax.config import Mission, Vehicle
 from glider_jax.environment.frame import Frame
 from glider_jax.environment.seawater import gravity
 from glider_jax.errors import ConfigError
+from glider_jax.mission.rules import REASON, make_program
 
 TIMED = ("every", "after", "no_comms", "utc")
 _LONG = 1e9
@@ -34,7 +35,7 @@ class Shape:
     ``speed``: ``constant`` or ``flight``. ``rules``: kinds of the timed surfacing rules, in order of the mission.
     ``reasons``: what a surfacing can be caused by; the timed rules first, then ``waypoint``, ``yo_count`` and
     ``mission_done``. ``loop`` whether the waypoint list starts again, ``waypoint_surfaces`` whether reaching one
-    brings the glider up, ``bounded_yos`` whether a number of yos does.
+    brings the glider up, ``bounded_yos`` whether a number of yos does. ``program``: kinds of the mission's rules.
     """
 
     speed: str
@@ -49,6 +50,7 @@ class Shape:
     levels: int
     product_error: bool
     dtype: str
+    program: tuple = ()
 
 
 class Plan(eqx.Module):
@@ -85,6 +87,7 @@ class Plan(eqx.Module):
     density: Any
     latitude: Any
     gravity: Any
+    program: Any = ()
 
 
 def legs_of(mission: Mission) -> tuple[list[tuple[float, float]], bool]:
@@ -168,7 +171,8 @@ def make_plan(
     if mission.yo.half_cycles:
         counts.append(mission.yo.half_cycles)
     at_waypoint = any(rule.kind == "waypoint" for rule in mission.surface)
-    reasons = tuple(rule.kind for rule in timed) + ("waypoint", "yo_count", "mission_done")
+    asked = (REASON,) if mission.program else ()
+    reasons = tuple(rule.kind for rule in timed) + asked + ("waypoint", "yo_count", "mission_done")
     intervals = max(1, math.ceil(duration / interval - 1e-9))
     per_block = max(1, int(block // interval)) if speed == "flight" else intervals
     blocks = math.ceil(intervals / per_block)
@@ -182,6 +186,7 @@ def make_plan(
     def number(value):
         return jnp.asarray(value, dtype)
 
+    kinds, program = make_program(mission, vehicle.battery, frame, order, t0, timed, dtype)
     nodes, probabilities = (np.array([0.3, 0.3]), np.array([0.0, 1.0])) if speeds is None else speeds
     plan = Plan(
         waypoints=number(np.stack([east, north], -1)),
@@ -199,7 +204,7 @@ def make_plan(
         surface_stay=number(mission.surface_stay),
         rule_seconds=number([rule.seconds for rule in timed] or [_LONG]),
         rule_time=number([(rule.time - t0) if rule.time is not None else 0.0 for rule in timed] or [0.0]),
-        interrupts=number([0.0 if rule.when_yo_ends else 1.0 for rule in timed] + [1.0, 1.0, 1.0]),
+        interrupts=number([0.0 if rule.when_yo_ends else 1.0 for rule in timed] + [1.0] * (3 + len(asked))),
         yo_limit=number(max(1.0, min(counts) / 2.0) if counts else _LONG),
         overtime=number(mission.aborts.overtime if mission.aborts.overtime else _LONG),
         correction=number(1.0 if mission.current_correction else 0.0),
@@ -215,6 +220,7 @@ def make_plan(
         latitude=number(math.radians(frame.latitude)),
         gravity=number(gravity(math.radians(frame.latitude))),
         speeds=number(np.interp(np.linspace(0.0, 1.0, SPEED_NODES), probabilities, nodes)),
+        program=program,
     )
     shape = Shape(
         speed="flight" if speed == "flight" else "constant",
@@ -229,5 +235,6 @@ def make_plan(
         levels=levels,
         product_error=product_error,
         dtype=jnp.dtype(dtype).name,
+        program=kinds,
     )
     return plan, shape

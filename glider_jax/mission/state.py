@@ -74,7 +74,8 @@ class State(NamedTuple):
     ``depth`` where the next leg starts; ``turn`` the last turning depth, which predicts the next; ``due`` when the
     surfacing clock runs out and ``reason`` which rule set it; ``dive_time`` absolute, when it left the surface;
     ``arrivals`` (one per waypoint, NaN before) and the logs' times are absolute. ``surfaced`` and ``left`` are the
-    last surfacing and departure, ``*_before`` the ones before. ``last_*`` describe the step just made.
+    last surfacing and departure, ``*_before`` the ones before. ``last_*`` describe the step just made. ``program`` is
+    where the mission's program stands, empty without one.
     """
 
     time: Any
@@ -117,3 +118,4 @@ class State(NamedTuple):
     surfaced_before: Log
     left: Log
     left_before: Log
+    program: Any = ()

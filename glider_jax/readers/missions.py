@@ -3,6 +3,7 @@
 TOML missions give positions as [latitude, longitude] in decimal degrees, pitches in degrees, all else in SI. Traps:
 without ``start_position`` the first waypoint is where the glider lies and the rest are flown; ``surface_every``
 counts from each dive, as ``[[surface]] kind = "after"`` does, and the climb that is due then goes to the surface.
+``[[program]]`` rules are read by ``readers.mission_programs``.
 Slocum missions go to ``readers.slocum_missions``.
 """
 
@@ -10,14 +11,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import fields, replace
-from datetime import UTC, date, datetime
 from pathlib import Path
-from typing import Any
 
 from glider_jax.config import Aborts, Mission, SampleRule, SurfaceRule, Yo, check_mission
 from glider_jax.errors import ConfigError, DataError
+from glider_jax.readers.mission_programs import program_lines, read_program
+from glider_jax.readers.mission_values import bool_text, pair_text, parse_time, position_of, quote
 from glider_jax.readers.slocum_missions import read_slocum_mission
-from glider_jax.readers.toml_checks import Table, load_toml, number_list
+from glider_jax.readers.toml_checks import Table, load_toml
 from glider_jax.records import Source
 from glider_jax_data import path as bundled_path
 
@@ -121,6 +122,7 @@ def read_toml_mission(path: str | Path) -> Mission:
         unsupported=main.texts("unsupported") or (),
         notes=(*(main.texts("notes") or ()), *notes),
         source=Source("mission TOML", {str(path): Source.digest(path)}),
+        program=read_program(top),
     )
     for table in (main, yo_table, aborts_table, top):
         if table is not None:
@@ -129,56 +131,15 @@ def read_toml_mission(path: str | Path) -> Mission:
     return mission
 
 
-def parse_time(table: Table, key: str) -> float | None:
-    """UTC seconds since 1970 from a number, an ISO-8601 text or a TOML date; a time without zone is UTC."""
-    value = table.raw(key)
-    if value is None:
-        return None
-    if isinstance(value, str):
-        try:
-            value = datetime.fromisoformat(value.strip())
-        except ValueError as error:
-            raise table.wrong(key, "a time such as 2009-09-05T12:00:00Z") from error
-    if isinstance(value, date) and not isinstance(value, datetime):
-        value = datetime(value.year, value.month, value.day)
-    if isinstance(value, datetime):
-        try:
-            seconds = (value if value.tzinfo else value.replace(tzinfo=UTC)).timestamp()
-        except (OverflowError, ValueError) as error:
-            raise table.wrong(key, "a time after 1970") from error
-    else:
-        number = table.number(key, unit="seconds since 1970")
-        assert number is not None
-        seconds = number
-    if not -1e10 < seconds < 1e11:
-        raise table.wrong(key, "seconds since 1970, or a time such as 2009-09-05T12:00:00Z")
-    return seconds
-
-
 def _whole(value: int | None) -> int:
     return 0 if value is None else value
-
-
-def _position(value: Any, table: Table, key: str, label: str) -> tuple[float, float]:
-    pair = number_list(value)
-    if pair is None or len(pair) != 2:
-        raise ConfigError(
-            f"{table.where(key)}: {label}: expected [latitude, longitude] in decimal degrees, found {value!r}. "
-            "Correct it."
-        )
-    if abs(pair[0]) > 90.0 and abs(pair[1]) <= 90.0:
-        raise ConfigError(
-            f"{table.where(key)}: {label}: expected a latitude of -90 to 90 degrees first, found {pair[0]:g}. "
-            "Latitude and longitude look swapped."
-        )
-    return pair[0], pair[1]
 
 
 def _route(main: Table) -> tuple[tuple[float, float] | None, tuple[tuple[float, float], ...]]:
     raw = main.raw("waypoints")
     if not isinstance(raw, list):
         raise main.wrong("waypoints", "a list of [latitude, longitude]", "Add waypoints = [[39.3, -73.6], ...].")
-    points = tuple(_position(item, main, "waypoints", f"waypoint {i}") for i, item in enumerate(raw, 1))
+    points = tuple(position_of(item, main, "waypoints", f"waypoint {i}") for i, item in enumerate(raw, 1))
     first_is_start = main.boolean("first_waypoint_is_start", "start_position" not in main)
     given = main.raw("start_position")
     if given is not None:
@@ -186,7 +147,7 @@ def _route(main: Table) -> tuple[tuple[float, float] | None, tuple[tuple[float, 
             raise ConfigError(
                 f"{main.where()}: start_position and first_waypoint_is_start contradict each other. Keep one of them."
             )
-        return _position(given, main, "start_position", "start"), points
+        return position_of(given, main, "start_position", "start"), points
     if not first_is_start:
         return None, points
     if len(points) < 2:
@@ -287,23 +248,23 @@ def mission_toml(mission: Mission) -> str:
     Angles are written in radians with their unit, so that no digit is lost.
     """
     yo = mission.yo
-    lines = ["[mission]", f"name = {_quote(mission.name)}"]
+    lines = ["[mission]", f"name = {quote(mission.name)}"]
     if mission.start is not None:
         lines.append(f"start = {float(mission.start)!r}")
     if mission.start_position is not None:
-        lines.append(f"start_position = {_pair(mission.start_position)}")
+        lines.append(f"start_position = {pair_text(mission.start_position)}")
     else:
         lines.append("first_waypoint_is_start = false")
-    lines.append(f"waypoints = [{', '.join(_pair(p) for p in mission.waypoints)}]")
+    lines.append(f"waypoints = [{', '.join(pair_text(p) for p in mission.waypoints)}]")
     lines.append(f"waypoint_radius = {float(mission.waypoint_radius)!r}")
     lines.append(f"legs = {mission.legs}")
     lines.append(f"first_waypoint = {-1 if mission.first_waypoint is None else mission.first_waypoint}")
     lines.append(f"surface_stay = {float(mission.surface_stay)!r}")
-    lines.append(f"current_correction = {_bool(mission.current_correction)}")
+    lines.append(f"current_correction = {bool_text(mission.current_correction)}")
     for key in ("unsupported", "notes"):
         texts = getattr(mission, key)
         if texts:
-            lines.append(f"{key} = [{', '.join(_quote(t) for t in texts)}]")
+            lines.append(f"{key} = [{', '.join(quote(t) for t in texts)}]")
     lines += ["", "[yo]", f"dive_to = {float(yo.dive_to)!r}", f"climb_to = {float(yo.climb_to)!r}"]
     lines += [f"dive_pitch_rad = {float(yo.dive_pitch)!r}", f"climb_pitch_rad = {float(yo.climb_pitch)!r}"]
     lines.append(f"altitude = {-1.0 if yo.dive_altitude is None else float(yo.dive_altitude)!r}")
@@ -315,15 +276,15 @@ def mission_toml(mission: Mission) -> str:
     if yo.half_cycles is not None:
         lines.append(f"half_cycles = {yo.half_cycles}")
     for rule in mission.surface:
-        lines += ["", "[[surface]]", f"kind = {_quote(rule.kind)}"]
+        lines += ["", "[[surface]]", f"kind = {quote(rule.kind)}"]
         lines += [f"{k} = {float(getattr(rule, k))!r}" for k in ("seconds", "distance") if getattr(rule, k)]
         lines += [f"time = {float(rule.time)!r}"] if rule.time is not None else []
         lines += [f"count = {rule.count}"] if rule.count else []
         lines += [f"{k} = true" for k in ("when_yo_ends", "ends_mission") if getattr(rule, k)]
         lines += [f"climb_pitch_rad = {float(rule.climb_pitch)!r}"] if rule.climb_pitch is not None else []
-        lines += [f"name = {_quote(rule.name)}"] if rule.name else []
+        lines += [f"name = {quote(rule.name)}"] if rule.name else []
     for sample in mission.samples:
-        states = ", ".join(_quote(s) for s in sorted(sample.states))
+        states = ", ".join(quote(s) for s in sorted(sample.states))
         lines += ["", "[[sample]]", f"sensor_type = {sample.sensor_type}", f"states = [{states}]"]
         lines += [
             f"interval = {float(sample.interval)!r}",
@@ -334,6 +295,7 @@ def mission_toml(mission: Mission) -> str:
     if any(value is not None for value in said.values()):
         lines += ["", "[aborts]"]
         lines += [f"{key} = {float(value)!r}" for key, value in said.items() if value is not None]
+    lines += program_lines(mission.program)
     return "\n".join(lines) + "\n"
 
 
@@ -347,24 +309,3 @@ def write_mission_toml(mission: Mission, path: str | Path) -> Path:
     except OSError as error:
         raise DataError(f"{path}: cannot be written: {error.strerror or error}. Check the folder.") from error
     return path
-
-
-def _pair(position: tuple[float, float]) -> str:
-    return f"[{float(position[0])!r}, {float(position[1])!r}]"
-
-
-def _bool(value: bool) -> str:
-    return "true" if value else "false"
-
-
-def _quote(text: str) -> str:
-    """A TOML basic string: backslash, quote and control characters escaped."""
-    out = []
-    for ch in text:
-        if ch in '"\\':
-            out.append("\\" + ch)
-        elif ord(ch) < 0x20 or ord(ch) == 0x7F:
-            out.append(f"\\u{ord(ch):04x}")
-        else:
-            out.append(ch)
-    return '"' + "".join(out) + '"'
