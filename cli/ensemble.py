@@ -97,16 +97,28 @@ def ensemble(
     formats: Annotated[
         str,
         typer.Option(
-            "--format", help="Products: nc,json,geojson,kmz,map,battery, or 'all'.", rich_help_panel=_OUTPUT
+            "--format", help="Products: nc,json,geojson,kmz,map,battery,html, or 'all' but html.",
+            rich_help_panel=_OUTPUT,
         ),
     ] = "all",
+    html: Annotated[
+        bool,
+        typer.Option("--html", help="Write report.html too: map and report in one file.", rich_help_panel=_OUTPUT),
+    ] = False,
+    style: Annotated[
+        str, typer.Option(help="Look of the figures: screen, print or paper.", rich_help_panel=_OUTPUT)
+    ] = "screen",
     json_: Annotated[
         bool, typer.Option("--json", help="Print the summary as JSON on standard output.", rich_help_panel=_OUTPUT)
     ] = False,
 ) -> None:
     """Forecast surfacing positions and battery depletion with an ensemble of missions.
 
-    Example: glider-forecast ensemble --n 5000 --out forecast
+    Examples:
+
+    glider-forecast ensemble --n 5000 --out forecast
+
+    glider-forecast ensemble --mission mission.toml --currents hfr.nc --bathymetry etopo.nc --html
     """
     from glider_jax_cli.session import compiled_cache, progress_bar
 
@@ -118,15 +130,19 @@ def ensemble(
     from glider_jax.products.atomic import termination_raises
     from glider_jax.products.job import Options, run_ensemble
 
-    defaults = Options()
-    outputs = defaults.outputs
+    from glider_jax.products.figure_style import style_of
+
+    style_of(style)
+    outputs = Options().outputs
+    known = outputs | {"html"}
     if formats != "all":
         outputs = frozenset(word.strip() for word in formats.split(",") if word.strip())
-        for word in sorted(outputs - defaults.outputs):
+        for word in sorted(outputs - known):
             raise ConfigError(
-                f"--format: expected words of {', '.join(sorted(defaults.outputs))}, found '{word}'."
-                f"{did_you_mean(word, defaults.outputs)}"
+                f"--format: expected words of {', '.join(sorted(known))}, found '{word}'.{did_you_mean(word, known)}"
             )
+    if html:
+        outputs |= {"html"}
     begin = None
     if start is not None:
         try:
@@ -142,7 +158,7 @@ def ensemble(
         hydrography=tuple(hydrography or ()), tides=tides, grid=grid, speed=speed,
         speed_kind=speed_kind, speeds=speeds, seed=seed, days=days, start=begin, start_position=start_position,
         interval=None if interval_h is None else interval_h * 3600.0, polygons=polygons, reserve=reserve,
-        spread=spread, precision=precision, decimal_degrees=decimal_degrees, outputs=outputs,
+        spread=spread, precision=precision, decimal_degrees=decimal_degrees, outputs=outputs, style=style,
     )  # fmt: skip
     with termination_raises(), progress_bar("members", n) as progress:
         result = run_ensemble(options, out, progress)

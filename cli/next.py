@@ -87,15 +87,23 @@ def next_surfacing(
         Path, typer.Option(help="Folder of products and frozen forecasts.", rich_help_panel=_OUTPUT)
     ] = Path("next"),
     formats: Annotated[
-        str, typer.Option("--format", help="Besides JSON: nc,geojson,kmz.", rich_help_panel=_OUTPUT)
+        str, typer.Option("--format", help="Besides JSON: nc,geojson,kmz,html.", rich_help_panel=_OUTPUT)
     ] = "",
+    html: Annotated[
+        bool,
+        typer.Option("--html", help="Write next.html too: map and report in one file.", rich_help_panel=_OUTPUT),
+    ] = False,
     json_: Annotated[
         bool, typer.Option("--json", help="Print the result as JSON.", rich_help_panel=_OUTPUT)
     ] = False,
 ) -> None:
     """Forecast the next surfacing from what was heard last.
 
-    Example: glider-forecast next --dialog unit.log --mission missions --recording from-glider
+    Examples:
+
+    glider-forecast next --dialog unit.log --mission missions --recording from-glider
+
+    glider-forecast next --recording from-glider --now data --bathymetry etopo.nc --html
     """
     from glider_jax_cli.session import compiled_cache
 
@@ -110,12 +118,14 @@ def next_surfacing(
     from glider_jax.readers.live_state import StaleFix
     from glider_jax.readers.vehicles import presets
 
-    known = ("nc", "geojson", "kmz")
+    known = ("nc", "geojson", "kmz", "html")
     outputs = frozenset(word.strip() for word in formats.split(",") if word.strip())
     for word in sorted(outputs - set(known)):
         raise ConfigError(
             f"--format: expected words of {', '.join(known)}, found '{word}'.{did_you_mean(word, known)}"
         )
+    if html:
+        outputs |= {"html"}
     options = Options(
         dialogs=tuple(dialog or ()), recordings=tuple(recording or ()), cache=cache, mission=mission,
         decimal_degrees=decimal_degrees, vehicle=vehicle if vehicle is None or vehicle in presets() else Path(vehicle),

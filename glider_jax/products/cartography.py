@@ -188,11 +188,12 @@ def _round_down(value: float) -> float:
 
 
 def draw_rings(axes: Axes, geometry: dict, reference: float, **style) -> None:
-    """Outlines and holes of a GeoJSON MultiPolygon."""
+    """Outlines and holes of a GeoJSON MultiPolygon, with a pale edge that keeps them apart from what lies under."""
+    halo = [effects.withStroke(linewidth=style.get("linewidth", 1.0) + 1.6, foreground="white", alpha=0.75)]
     for polygon in geometry["coordinates"]:
         for ring in polygon:
             points = np.asarray(ring)
-            axes.plot(unwrap_longitude(points[:, 0], reference), points[:, 1], **style)
+            axes.plot(unwrap_longitude(points[:, 0], reference), points[:, 1], path_effects=halo, **style)
 
 
 def draw_scale_bar(axes: Axes, limits: Limits) -> None:

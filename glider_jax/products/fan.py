@@ -137,7 +137,7 @@ def _draw_energy(
 ) -> None:
     """Mean energy drawn since the start, stacked by component, largest at the bottom."""
     parts = grouped(energy)
-    axes.set_ylabel("mean energy drawn (Wh)", fontsize=10)
+    axes.set_ylabel("energy drawn (Wh)", fontsize=10)
     if not parts:
         axes.text(0.5, 0.5, "no energy was drawn", ha="center", va="center", transform=axes.transAxes)
         return
@@ -149,6 +149,7 @@ def _draw_energy(
         part.set_hatch(hatch(look, k))
     total = sum(values[-1] for _, values in parts)
     axes.set_ylim(0.0, max(1.05 * float(max(sum(v for _, v in parts))), 1e-9))
+    corner = _COLUMN - 0.008 if look.words else 0.71
     handles = [
         Patch(
             facecolor=colour, edgecolor="white", linewidth=0, hatch=hatch(look, k),
@@ -157,7 +158,7 @@ def _draw_energy(
         for k, (colour, (name, values)) in enumerate(zip(colours, parts, strict=True))
     ]
     figure.legend(
-        handles=handles[::-1], loc="upper left", bbox_to_anchor=(_COLUMN - 0.008 if look.words else 0.71, 0.407 if look.words else 0.42), fontsize=9,
+        handles=handles[::-1], loc="upper left", bbox_to_anchor=(corner, 0.407), fontsize=9,
         frameon=False, title=f"Drawn by the end: {total:.4g} Wh", title_fontproperties={"weight": "bold", "size": 9.5},
         alignment="left",
     )  # fmt: skip

@@ -12,7 +12,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.text import Text
@@ -20,12 +19,14 @@ from matplotlib.text import Text
 from glider_jax.errors import ConfigError, did_you_mean
 from glider_jax.products.atomic import atomic_path
 
+#: Inches; room for the key of arrows, which counts for no extent.
+_MARGIN = 0.3
 HATCHES = ("", "////", "....", "\\\\\\\\", "xx", "----", "oo", "++")
 
 
 @dataclass(frozen=True)
 class Style:
-    """How a figure is finished: dots per inch, factors on text and lines, what is shown, and whether a PDF is wanted."""
+    """How a figure is finished: dots per inch, factors on text and lines, words and hatches or not, a PDF or not."""
 
     name: str
     dpi: int
@@ -81,9 +82,15 @@ def save_figure(
     if style.line != 1.0:
         for line in figure.findobj(Line2D):
             line.set_linewidth(line.get_linewidth() * style.line)
+    # Without words the room for them is cut off.
+    box = None if style.words else "tight"
     with atomic_path(path) as temporary:
-        figure.savefig(temporary, format="png", dpi=dpi or style.dpi, metadata=dict(metadata or {"Software": None}))
+        told = dict(metadata or {"Software": None})
+        figure.savefig(
+            temporary, format="png", dpi=dpi or style.dpi, bbox_inches=box, pad_inches=_MARGIN, metadata=told
+        )
     if style.vector:
         with atomic_path(Path(path).with_suffix(".pdf")) as temporary:
-            FigureCanvasPdf(figure).print_pdf(temporary, metadata={"CreationDate": None})
+            told = {"CreationDate": None}
+            figure.savefig(temporary, format="pdf", bbox_inches=box, pad_inches=_MARGIN, metadata=told)
     return Path(path)

@@ -84,6 +84,8 @@ def plot_map(
     _draw_legend(main, shown, key, currents, legend)
     _draw_key(main, mesh, key_corner)
     _draw_zoom(zoom, track, longitude, summary, reference, bathymetry)
+    if not look.words:
+        zoom.set_title("", loc="left")
     if look.words:
         _write_words(figure, track, summary, title)
     return save_figure(figure, path, look, dpi=dpi, metadata=_metadata(summary))
@@ -200,7 +202,8 @@ def _draw_key(axes: Axes, mesh: AxesImage, corner: str) -> None:
     axes.add_patch(box)
     inner = axes.inset_axes((x + 0.025, y + 0.034, 0.268, 0.018), zorder=10)
     bar = axes.figure.colorbar(mesh, cax=inner, orientation="horizontal")
-    bar.set_label("members × output times per cell", fontsize=7.5, labelpad=-30)
+    axes.text(x + 0.159, y + 0.057, "members × times per cell", fontsize=7.5, ha="center", va="bottom",
+              transform=axes.transAxes, zorder=11)  # fmt: skip
     bar.ax.tick_params(labelsize=7, pad=1.5, length=2)
     bar.ax.minorticks_off()
 

@@ -94,7 +94,7 @@ def run_next(options: Options, out: Path | None) -> dict[str, Any]:
         path = frozen.freeze(flown, out, seed=options.seed, settings={"hours": options.hours, "ruled": ruled})
         result["files"]["frozen"] = str(path)
         result["files"] |= {
-            kind: str(p) for kind, p in _write(flown.track, result, out, options.outputs).items()
+            kind: str(p) for kind, p in _write(flown.track, result, out, options.outputs, floor, grid).items()
         }
     return result
 
@@ -233,8 +233,10 @@ def _inputs(situation: Situation, vehicle: Vehicle, evidence: Evidence, options:
     }
 
 
-def _write(track, result: dict[str, Any], out: Path, outputs: frozenset[str]) -> dict[str, Path]:
-    """Products of the forecast beside the summary; the summary is always written."""
+def _write(
+    track, result: dict[str, Any], out: Path, outputs: frozenset[str], floor=None, currents=None
+) -> dict[str, Path]:
+    """Products of the forecast beside the summary; it is always written. ``floor``, ``currents``: drawn."""
     from glider_jax.products.atomic import write_text
 
     files = {"json": write_text(out / "next.json", json.dumps(result, allow_nan=False, indent=1) + "\n")}
@@ -252,4 +254,8 @@ def _write(track, result: dict[str, Any], out: Path, outputs: frozenset[str]) ->
         from glider_jax.products.kml import write_kml
 
         files["kmz"] = write_kml(track, result, out / "next.kmz")
+    if "html" in outputs:
+        from glider_jax.products.html.forecast import Fields, write_report
+
+        files["html"] = write_report(track, result, out / "next.html", fields=Fields(floor, currents))
     return files

@@ -31,7 +31,8 @@ def plot_reliability(cases: list[Case], path: Path, style: str = "screen") -> Pa
             found = np.array([r["share"] for r in rows])
             low, high = np.array([r["interval"] for r in rows]).T
             bars = np.maximum([found - low, high - found], 0.0)
-            left.errorbar(promised + shift, found, bars, fmt="s" if name == "time" else "o", color=colour, capsize=3, label=name)
+            mark = "s" if name == "time" else "o"
+            left.errorbar(promised + shift, found, bars, fmt=mark, color=colour, capsize=3, label=name)
         left.set(xlabel="promised share", ylabel="found share", xlim=(0, 1), ylim=(0, 1.02))
         left.set_title(f"Coverage, {len(cases)} surfacings; bars 95 %")
         left.legend(frameon=False)
