@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[Any]
@@ -184,6 +185,8 @@ class Track:
     settings : everything needed to repeat the run (version, seed, options, digests of the inputs, active terms).
     notes : sentences for the user: what was assumed, ignored or repaired.
     complete : False where the run was interrupted and only part of the members or time is here.
+    program : the rules of the mission's program in words; empty without one. ``program_time`` (n, rules) when each
+        first came into force, NaN where never; ``program_count`` (n, rules) how often.
     """
 
     time: Array
@@ -222,6 +225,9 @@ class Track:
     settings: dict[str, Any]
     notes: tuple[str, ...] = ()
     complete: bool = True
+    program: tuple[str, ...] = ()
+    program_time: Array = field(default_factory=lambda: np.empty((0, 0)))
+    program_count: Array = field(default_factory=lambda: np.empty((0, 0), np.int32))
 
     @property
     def n(self) -> int:

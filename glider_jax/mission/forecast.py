@@ -21,6 +21,7 @@ from glider_jax.errors import ConfigError, CoverageError, Outcome
 from glider_jax.mission.battery import battery_state, energy_limits, mean_voltage
 from glider_jax.mission.ensemble import Column, Output, draw_members, host_normals, run_members
 from glider_jax.mission.plan import Plan, Shape, legs_of, make_plan, not_simulated
+from glider_jax.mission.rules import deepest, program_notes, program_results, program_words
 from glider_jax.mission.state import Environment, Member, State
 from glider_jax.mission.water import make_column
 from glider_jax.physics.battery import draw_usable_charge
@@ -66,6 +67,7 @@ def output_interval(duration: float, mission: Mission) -> float:
     two surfacings, so that none is lost."""
     choices = np.array([300.0, 600.0, 900.0, 1800.0, 3600.0, 7200.0, 10800.0])
     periods = [r.seconds for r in mission.surface if r.kind in ("every", "after", "no_comms") and r.seconds > 0]
+    periods += [rule.surface_every for rule in mission.program if rule.surface_every]
     wanted = min([duration / 120.0, *periods])
     fitting = choices[choices <= max(wanted * 1.0001, choices[0])]
     return float(fitting[-1])
@@ -124,6 +126,7 @@ def prepare(
     frame = Frame(position[0], position[1], min(reach) - 1.5, max(reach) + 1.5)
     default_sd = vehicle.value("perturbation.current_error") if current_error is None else current_error
     notes = [*mission.notes, *(f"not simulated: {text}" for text in not_simulated(mission))]
+    notes += program_notes(mission, bathymetry is not None)
     _check_start(mission, position, t0, currents, bathymetry)
     own_error = currents is not None and currents.east_sd is not None
     field_ = (
@@ -134,7 +137,7 @@ def prepare(
     floor = make_bathymetry(bathymetry, frame, dtype) if bathymetry is not None else flat_bottom(11000.0, frame, dtype)
     if bathymetry is None:
         notes.append("no bathymetry given: the seafloor is never reached")
-    column, temperature, told = make_column(water, vehicle, mission, position[0], dtype=dtype)
+    column, temperature, told = make_column(water, vehicle, deepest(mission), position[0], dtype=dtype)
     notes += told if speed == "flight" else []
     plan, shape = make_plan(
         mission, vehicle, frame, t0=t0, duration=duration, speed=speed, speeds=speeds, interval=interval,
@@ -159,7 +162,7 @@ def prepare(
             "parameter_units": {name: info.unit for name, info in parameter_infos(model).items()}
             | {"heading_error": "rad", "surface_stay_factor": "1", "speed_factor": "1"},
             "current_error": "product" if own_error else f"{default_sd:g} m s-1",
-        },
+        } | ({"program": program_words(mission)} if mission.program else {}),
     )  # fmt: skip
 
 
@@ -299,6 +302,7 @@ def _track(run: Run, members: Member, available, state: State, out: Output) -> T
         outcome_time=run.t0 + np.where(final.outcome == int(Outcome.FLYING), np.nan, final.end_time.astype(float)),
         outcome_latitude=end_lat, outcome_longitude=end_lon, bottom_contacts=final.contacts.astype(np.int32),
         usable_energy=available, parameters=_parameters(run, members), settings=dict(run.settings), notes=run.notes,
+        **program_results(run.mission, final.program, run.t0),
     )  # fmt: skip
 
 
@@ -348,7 +352,7 @@ def most_surfacings(run: Run) -> int:
     timed = ("every", "after", "no_comms", "utc")
     periods = [rule.seconds for rule in run.mission.surface if rule.kind in timed and rule.seconds > 0]
     ceiling = 2 * (int(run.duration / run.interval) + 1)
-    if run.shape.bounded_yos or run.shape.loop:
+    if run.shape.bounded_yos or run.shape.loop or run.shape.program:
         return ceiling
     by_clock = sum(int(run.duration / seconds) + 1 for seconds in periods) if periods else 0
     return min(ceiling, by_clock + run.shape.waypoints + 2)
@@ -370,7 +374,7 @@ def join(tracks: list[Track]) -> Track:
     if len(tracks) == 1:
         return tracks[0]
     first = tracks[0]
-    common = {"time", "components", "reasons", "waypoints", "settings", "notes", "complete"}
+    common = {"time", "components", "reasons", "waypoints", "settings", "notes", "complete", "program"}
     found = [int(np.isfinite(t.surfacing_time).sum(axis=1).max(initial=0)) for t in tracks]
     tracks = [pad_surfacings(t, max(1, *found)) for t in tracks]
     joined = {}

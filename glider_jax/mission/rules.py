@@ -6,6 +6,7 @@ what the step counts.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -15,6 +16,7 @@ from glider_jax.config import PROGRAM_CONDITIONS, Battery, Mission, ProgramRule
 from glider_jax.environment.frame import Frame
 from glider_jax.errors import ConfigError
 from glider_jax.mission.battery import discharge_table, energy_limits
+from glider_jax.readers.mission_programs import rule_text
 
 #: The reason of a surfacing that a rule asked for.
 REASON = "program"
@@ -117,3 +119,41 @@ def _spent_share(charge: float, battery: Battery, mission: Mission) -> float:
     soc, share, _ = discharge_table(battery)
     limit = float(energy_limits(battery, mission, np.ones(1))[0][0])
     return float(np.interp(1.0 - charge, 1.0 - soc, share)) / limit
+
+
+def deepest(mission: Mission) -> Mission:
+    """The mission with its yo as deep as any rule makes it, for tables that must reach there."""
+    depths = [rule.dive_to for rule in mission.program if rule.dive_to is not None]
+    if not depths:
+        return mission
+    return replace(mission, yo=replace(mission.yo, dive_to=max(mission.yo.dive_to, *depths)))
+
+
+def program_words(mission: Mission) -> list[str]:
+    """Every rule in one line."""
+    return [rule_text(rule, number) for number, rule in enumerate(mission.program, 1)]
+
+
+def program_notes(mission: Mission, seafloor: bool) -> list[str]:
+    """What of the program cannot act as the user may expect."""
+    notes = []
+    for rule, words in zip(mission.program, program_words(mission), strict=True):
+        asked = {PROGRAM_CONDITIONS[condition.kind][0] for condition in rule.when}
+        if "bottom" in asked and not seafloor:
+            notes.append(f"{words}: no bathymetry given, so the seafloor is always deeper")
+        if "current" in asked:
+            notes.append(f"{words}: the current is the glider's own estimate, none before the first surfacing")
+    if any(rule.dive_to is not None or rule.climb_to is not None for rule in mission.program):
+        notes.append("program: devices that run between depths keep the duty of the mission's own yo")
+    return notes
+
+
+def program_results(mission: Mission, program: Any, t0: float) -> dict[str, Any]:
+    """When each rule came into force, as fields of a ``Track``: times UTC s of shape (member, rule)."""
+    if not mission.program:
+        return {}
+    return {
+        "program": tuple(program_words(mission)),
+        "program_time": t0 + np.stack([np.asarray(first, float) for first in program.first], -1),
+        "program_count": np.stack([np.asarray(count, np.int32) for count in program.count], -1),
+    }
