@@ -1,8 +1,9 @@
 """The ensemble as one netCDF file: CF-1.10 trajectories, ACDD-1.3 attributes, events and provenance beside them.
 
 Layout: dimensions ``member`` and ``obs`` for the output times, ``surfacing`` for surfacing events, ``waypoint`` for the
-waypoints of the plan. Positions are packed in 32-bit steps of 1e-7 degree (1 cm), other series are 32-bit floats, so
-that a file of 5,000 members is written in a fraction of a second; readers that follow CF unpack by themselves.
+waypoints of the plan, ``rule`` for the rules of a mission program. Positions are packed in 32-bit steps of 1e-7 degree
+(1 cm), other series are 32-bit floats, so that a file of 5,000 members is written in a fraction of a second; readers
+that follow CF unpack by themselves.
 A member that ended keeps its last values; ``active`` and ``outcome`` say so.
 
 Interrupted forecasts: :class:`NetcdfWriter` works under ``NAME.partial.nc`` and sets the global attribute ``complete``
@@ -166,6 +167,7 @@ class NetcdfWriter:
             ("surfacing", block.surfacing_time.shape[1]),
             ("waypoint", block.waypoints.shape[0]),
             ("name_strlen", 12),
+            *((("rule", len(block.program)),) if block.program else ()),
         ):
             dataset.createDimension(name, max(int(size), 1))
         for column in self._columns:

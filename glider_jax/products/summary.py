@@ -20,6 +20,8 @@ battery : charge_left_percent at the end; levels: per level the probability that
     it; fan: percentiles of charge left at every output time; energy_wh: mean by component at every output time.
 risks : probabilities of grounding, of bottom contact, of arriving, of arriving above the reserve.
 areas : per polygon given: name, probability of entering, first entry.
+program : per rule of the mission's program: number, rule in words, probability of coming into force, when it first
+    does, and count, how often on average over all members.
 notes, provenance.
 
 A region is probability, area_km2, method and a GeoJSON geometry.
@@ -40,6 +42,7 @@ from glider_jax.products.coordinates import LocalFrame, frame_of, iso_time, plac
 from glider_jax.products.measures import NamedPolygon
 from glider_jax.products.provenance import outcome_sentence, plain, provenance
 from glider_jax.products.quantiles import Quantiles
+from glider_jax.products.rule_times import RuleTimes
 from glider_jax.products.shapes import region_entry
 from glider_jax.records import Array, Track
 
@@ -104,6 +107,7 @@ class SummaryAccumulator:
         self._add_energy(block)
         for k, polygon in enumerate(self.polygons):
             self._entries[k].add(measures.entry_times(positions, polygon))
+        self._rules.add(block)
 
     def result(self) -> dict[str, Any]:
         """The summary of everything added so far."""
@@ -131,6 +135,7 @@ class SummaryAccumulator:
             "battery": self._battery_entry(),
             "risks": self._risk_entries(),
             "areas": self._area_entries(),
+            "program": self._rules.entries(self._dates),
             "notes": list(track.notes),
             "provenance": made,
         }
@@ -173,6 +178,7 @@ class SummaryAccumulator:
         self._extrapolated = Quantiles(len(self._levels), self.limit)
         self._decided = self._above = self._arrived_above = self._touched = 0
         self._entries = [Quantiles(1, self.limit) for _ in self.polygons]
+        self._rules = RuleTimes(block.program, self.limit)
 
     def _add_outcomes(self, block: Track) -> None:
         outcome = np.asarray(block.outcome, int)

@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from glider_jax.products.rule_times import program_lines
 from glider_jax.products.wording import one_line
 
 
@@ -34,6 +35,8 @@ def print_summary(summary: Mapping[str, Any], console: Console) -> None:
         if table.row_count:
             console.print(table)
     _risks(summary, console)
+    for line in program_lines(summary):
+        console.print(_plain(line), highlight=False, soft_wrap=not console.is_terminal)
     if summary["notes"]:
         console.print("Notes", style="bold")
         for note in summary["notes"]:

@@ -39,7 +39,7 @@ class Column:
 
 def columns(track: Track) -> tuple[Column, ...]:
     """Every per-member variable for tracks with these components, parameters and dimensions."""
-    data = (*_series(track), *_events(track), *_members(track))
+    data = (*_series(track), *_events(track), *_rules(track), *_members(track))
     return (*_identity(), *_coordinates(), *(_modelled(column) for column in data))
 
 
@@ -239,6 +239,24 @@ def _events(track: Track) -> tuple[Column, ...]:
         Column("waypoint_arrival_time", ("waypoint",), "f8", arrivals,
                {"standard_name": "time", "long_name": "time at which the waypoint was reached", "units": EPOCH,
                 "calendar": "standard"} | arrival, fill=np.nan),
+    )  # fmt: skip
+
+
+def _rules(track: Track) -> tuple[Column, ...]:
+    """When the rules of a mission's program came into force; nothing without one."""
+    if not track.program:
+        return ()
+    at = {"coordinates": "realization", "rules": "; ".join(track.program)}
+    first = {
+        "standard_name": "time",
+        "long_name": "time at which the rule of the program first came into force",
+        "units": EPOCH,
+        "calendar": "standard",
+    }
+    return (
+        Column("program_time", ("rule",), "f8", lambda b, start: b.program_time, first | at, fill=np.nan),
+        Column("program_count", ("rule",), "i4", lambda b, start: np.asarray(b.program_count, np.int32),
+               {"long_name": "how often the rule of the program came into force", "units": "1"} | at),
     )  # fmt: skip
 
 
