@@ -18,8 +18,9 @@ from glider_jax.records import Array, Recording
 
 #: s; longer holes in a control are not bridged.
 HOLE = 90.0
-#: s; how long after the pump stopped a glide counts as settled, and over how long controls are averaged.
-SETTLE, SMOOTHING = 30.0, 80.0
+#: s; how long after the pump stopped, and after the turn, a glide counts as settled: a first-order response stands for
+#: added mass only then. Over how long controls are averaged.
+SETTLE, AFTER_TURN, SMOOTHING = 30.0, 60.0, 80.0
 #: m and rad; shallower or flatter samples are not steady glides.
 SHALLOWEST, FLATTEST = 4.0, 0.17
 MOST_ROWS = 45_000
@@ -100,7 +101,7 @@ def rows_of(recording: Recording, ways: list[Leg], turn: Variation, latitude: fl
     pumping = _pumping(recording, time, volume)
     settled = inside & ~pumping & (depth > SHALLOWEST) & (np.abs(pitch) > FLATTEST)
     settled &= np.sign(pitch) == direction
-    settled &= _since_last(time, pumping | ~inside) > SETTLE
+    settled &= (_since_last(time, pumping | ~inside) > SETTLE) & (since_turn > AFTER_TURN)
     ends = np.array([way.end_time for way in ways])
     settled &= np.where(inside, ends[leg] - time, 0.0) > 10.0
     salinity_known, temperature, density, lag = _water(recording, time, depth, ways, latitude)
@@ -206,10 +207,13 @@ def _heading(recording: Recording, time: Array, turn: Variation) -> Array:
 def _water(
     recording: Recording, time: Array, depth: Array, ways: list[Leg], latitude: float
 ) -> tuple[Array, Array, Array, float]:
-    """Where the CTD was sampled, temperature K, density kg m-3, lag s; constants where there is no CTD."""
+    """Where the CTD was sampled, temperature K, density kg m-3, lag s; else a recorded density, or constants."""
     names = ("temperature", "conductivity")
     if not all(name in recording for name in names):
         temperature = np.nan_to_num(at(recording, "temperature", time, 600.0), nan=283.15)
+        own = at(recording, "water_density", time, HOLE)
+        if np.isfinite(own).sum() >= 30:
+            return np.isfinite(own), temperature, np.where(np.isfinite(own), own, np.nanmedian(own)), 0.0
         pressure = seawater.pressure_dbar_from_depth(np.maximum(depth, 0.0), latitude)
         return np.ones(time.size, bool), temperature, np.asarray(seawater.density(35.0, 10.0, pressure)), 0.0
     good = np.isfinite(recording["temperature"]) & np.isfinite(recording["conductivity"])

@@ -18,12 +18,18 @@ from glider_jax.readers.dives import DESCENT
 if TYPE_CHECKING:
     from glider_jax.inference.streams import Builder
 
+#: m; height above the seafloor that stands for turns which the altimeter did not call.
+FROM_FLOOR = 100.0
+
 
 def strokes(b: Builder):
     if b.power is None:
         b.missing.append("no battery current: energy cannot be looked at")
         return {}, np.empty(0), np.empty(0)
-    listed = win.strokes(b.power, b.rows, b.ways, b.recording)
+    found = win.strokes(b.power, b.rows, b.ways, b.recording)
+    ways = [win.sort_strokes([s for s in found if s.out == way]) for way in (True, False)]
+    listed = [s for way in ways for s in way.alike]
+    b.odd = [(s.window.time - b.origin, excess) for s, excess in ways[0].odd]
     if len(listed) < 6:
         b.missing.append("no pump strokes could be isolated: their energy cannot be looked at")
         return {}, np.empty(0), np.empty(0)
@@ -139,7 +145,7 @@ def turns(b: Builder):
     for one, two in zip(b.ways[:-1], b.ways[1:], strict=True):
         if one.phase != DESCENT or one.end_time != two.start_time:
             continue
-        limit, height = yo.dive_to, 100.0
+        limit, height = yo.dive_to, FROM_FLOOR
         if yo.dive_altitude and moments.size:
             near = np.abs(moments - one.end_time) < 240.0
             near &= moments <= one.end_time + 1.0
@@ -164,7 +170,7 @@ def turns(b: Builder):
     block = [b.block(t) for t in table[:, 0]]
     b.add(
         "turn depth", "m", "m", 1.0, table[:, 1] - table[:, 2], table[:, 0], block, block, np.ones(len(table)),
-        np.full(len(table), 60.0), time=fields["time"], depth=table[:, 1], rate=table[:, 4],
+        np.full(len(table), 60.0), time=fields["time"], depth=table[:, 2], rate=table[:, 4],
     )  # fmt: skip
     return fields
 
@@ -232,15 +238,22 @@ def others(b: Builder):
 
 
 def measured_speed(b: Builder):
-    """Speed along the path that an instrument measured (channel ``measured_speed``), in windows of a minute."""
+    """Speed along the path that an instrument measured (channel ``measured_speed``), means of 20 s of settled glide."""
     moments, speed = finite(b.recording, "measured_speed")
     if moments.size < 30:
         return np.empty(0, int)
     rows = b.rows
     good = np.flatnonzero(rows.settled)
-    known = np.interp(rows.time[good], moments, speed)
-    near = np.abs(moments[np.clip(np.searchsorted(moments, rows.time[good]), 0, moments.size - 1)] - rows.time[good])
-    good, known = good[near < 15.0], known[near < 15.0]
+    total = np.concatenate([[0.0], np.cumsum(speed)])
+    low, high = (
+        np.searchsorted(moments, rows.time[good] + way, side) for way, side in ((-10.0, "left"), (10.0, "right"))
+    )
+    count = high - low
+    good, known = good[count > 0], (total[high] - total[low])[count > 0] / count[count > 0]
+    sane = sane_legs(b, good, known)
+    good, known = good[sane], known[sane]
+    if good.size < 10:
+        return np.empty(0, int)
     take = np.arange(0, good.size, max(1, int(round(20.0 / np.median(np.diff(rows.time))))))
     good, known = good[take], known[take]
     leg = rows.leg[good]
@@ -250,3 +263,33 @@ def measured_speed(b: Builder):
         time=rows.time[good] - b.origin, pitch=np.abs(rows.pitch[good]), temperature=rows.temperature[good],
     )  # fmt: skip
     return good
+
+
+def sane_legs(b: Builder, rows: np.ndarray, speed: np.ndarray) -> np.ndarray:
+    """Rows of legs whose measured speed agrees with the others'; a profiler that lost the bottom spoils a whole leg.
+
+    Compared is the speed over that of the depth along the hull's axis, whose median is alike for all legs of one way.
+    """
+    along = np.abs(np.gradient(b.rows.depth, b.rows.time)[rows]) / np.sin(np.maximum(np.abs(b.rows.pitch[rows]), 0.1))
+    ratio = speed / np.maximum(along, 0.02)
+    keep = np.ones(rows.size, bool)
+    legs, direction = b.rows.leg[rows], b.rows.direction[rows]
+    for way in (-1.0, 1.0):
+        own = np.unique(legs[direction == way])
+        if own.size < 5:
+            continue
+        # The last third tells of series that fail on the way down.
+        level = np.array([np.median(ratio[legs == leg]) for leg in own])
+        late = np.array([np.median(ratio[legs == leg][-(max((legs == leg).sum() // 3, 1)) :]) for leg in own])
+        for values in (level, late):
+            scatter = 1.4826 * np.median(np.abs(values - np.median(values)))
+            wild = np.abs(values - np.median(values)) > max(6.0 * scatter, 0.08)
+            keep &= ~np.isin(legs, own[wild])
+    lost = np.unique(legs[~keep])
+    if lost.size:
+        when = ", ".join(f"{(b.ways[k].start_time - b.origin) / 86400.0:.2f}" for k in lost[:5])
+        b.notes.append(
+            f"The measured speed of {lost.size} half yos (day {when}) disagrees with all others and was left out: "
+            "corrupt casts."
+        )
+    return keep

@@ -101,6 +101,9 @@ UNITS: dict[str, tuple[str, float, float]] = {
     "s.m-1": ("S m-1", 1.0, 0.0),
     "ms/cm": ("S m-1", 0.1, 0.0),
     "ms cm-1": ("S m-1", 0.1, 0.0),
+    "kg m-3": ("kg m-3", 1.0, 0.0),
+    "kg/m3": ("kg m-3", 1.0, 0.0),
+    "kg/m^3": ("kg m-3", 1.0, 0.0),
     "timestamp": ("s", 1.0, 0.0),
     "s": ("s", 1.0, 0.0),
     "sec": ("s", 1.0, 0.0),
@@ -149,6 +152,9 @@ CHANNELS: dict[str, Channel] = {
     "battery_position": _channel("m", "m_battpos", "in", -0.2, 0.2, "pitch battery, forward"),
     "commanded_battery_position": _channel("m", "c_battpos", "in", -30, 30, "commanded pitch battery"),
     "speed_through_water": _channel("m s-1", "m_speed", "m/s", -5, 5, "firmware's horizontal speed"),
+    "measured_speed": _channel(
+        "m s-1", "measured_speed_through_water", "m/s", 0, 3, "along the path, by an instrument, not by the firmware"
+    ),
     "average_speed": _channel("m s-1", "m_avg_speed", "m/s", -5, 5, "firmware's running mean of speed"),
     "angle_of_attack": _channel("rad", "u_angle_of_attack", "rad", -0.6, 0.6, "firmware's, added to pitch"),
     "pumped_volume": _channel("m3", "m_de_oil_vol m_ballast_pumped", "cc", -3e-3, 3e-3, "pump, from neutral"),
@@ -179,6 +185,7 @@ CHANNELS: dict[str, Channel] = {
     "current_correction": _channel("1", "u_use_current_correction", "nodim", 0, 5, "0 off, 1 steers for it"),
     "temperature": _channel("K", "sci_water_temp m_water_temp", "degc", 268, 320, "in-situ temperature"),
     "conductivity": _channel("S m-1", "sci_water_cond m_water_cond", "s/m", -0.1, 9, "conductivity"),
+    "water_density": _channel("kg m-3", "", "kg m-3", 950, 1100, "in-situ density, where a file gives it itself"),
     "ctd_pressure": _channel("Pa", "sci_water_pressure", "bar", -2e5, 6.6e7, "CTD's sea pressure"),
     "ctd_time": _channel("s", "sci_ctd41cp_timestamp sci_rbrctd_timestamp", "timestamp", 0, 4.2e9, "of the CTD"),
     "inflections": _channel("1", "m_tot_num_inflections", "nodim", 0, 1e9, "count over the vehicle's life"),

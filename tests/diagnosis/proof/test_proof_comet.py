@@ -40,7 +40,7 @@ def samples():
     use = (half >= 0) & (r["pressure"] > 1e5) & (r["pressure"] < 3.5e5) & np.isfinite(rise)
     use &= np.abs(np.abs(r["pumped_volume"]) - 231e-6) < 5e-6
     index = np.flatnonzero(use)[::4]
-    names = ("pressure", "pitch", "pumped_volume", "water_density", "measured_speed_through_water")
+    names = ("pressure", "pitch", "pumped_volume", "water_density", "measured_speed")
     return {n: r[n][index] for n in names} | {"rise": rise[index], "half": half[index]}
 
 
@@ -56,7 +56,7 @@ def model(p, s, use, pitch):
 
 def fit(s, use, parameters, speed=True, pitch=None):
     pitch = s["pitch"] if pitch is None else pitch
-    seen = s["measured_speed_through_water"][use]
+    seen = s["measured_speed"][use]
 
     def residual(p):
         rise, through = model(p, s, use, pitch)
@@ -71,7 +71,7 @@ def fit(s, use, parameters, speed=True, pitch=None):
 
 def rms(s, use, p, pitch=None):
     rise, through = model(p, s, use, s["pitch"] if pitch is None else pitch)
-    off = through - s["measured_speed_through_water"][use]
+    off = through - s["measured_speed"][use]
     return np.sqrt(np.mean((rise - s["rise"][use]) ** 2)), np.sqrt(np.nanmean(off**2)), np.nanmean(off)
 
 
