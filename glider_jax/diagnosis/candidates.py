@@ -154,7 +154,9 @@ class Looks:
             if flow and id in FLOW_PARTS:
                 continue
             odds = 0.0 if id in USUAL else -RARE
-            found.append(Candidate(id, self._variants(id, variants), odds))
+            alternatives = self._variants(id, variants)
+            if alternatives:
+                found.append(Candidate(id, alternatives, odds))
         if flow:
             together = tuple(i for id in UNKNOWN_FLOW if id in by for i in by[id][0])
             if together:
