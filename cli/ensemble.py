@@ -128,9 +128,8 @@ def ensemble(
 
     from glider_jax.errors import ConfigError, did_you_mean
     from glider_jax.products.atomic import termination_raises
-    from glider_jax.products.job import Options, run_ensemble
-
     from glider_jax.products.figure_style import style_of
+    from glider_jax.products.job import Options, run_ensemble
 
     style_of(style)
     outputs = Options().outputs

@@ -22,11 +22,20 @@ def hindcast(
     n: Annotated[int, typer.Option("--n", "-n", help="Members per forecast.")] = 1000,
     seed: Annotated[int, typer.Option(help="Seed of all random draws.")] = 0,
     out: Annotated[Path | None, typer.Option(help="Folder for hindcast.json and reliability.png.")] = None,
+    html: Annotated[
+        bool, typer.Option("--html", help="Write hindcast.html too (needs --out): map and report in one file.")
+    ] = False,
+    bathymetry: Annotated[Path | None, typer.Option(help="Bathymetry to draw on the map of --html.")] = None,
+    style: Annotated[str, typer.Option(help="Look of the figures: screen, print or paper.")] = "screen",
     json_: Annotated[bool, typer.Option("--json", help="Print everything as JSON.")] = False,
 ) -> None:
     """Score forecasts of every surfacing from what was known then, against persistence and dead reckoning.
 
-    Example: glider-forecast hindcast osu684.nc ru28.nc --out hindcast
+    Examples:
+
+    glider-forecast hindcast osu684.nc ru28.nc --out hindcast
+
+    glider-forecast hindcast from-glider --cache cache --bathymetry etopo.nc --html --out hindcast
     """
     from glider_jax_cli.session import compiled_cache, progress_bar
 
@@ -34,12 +43,17 @@ def hindcast(
     import json
     import math
 
+    from glider_jax.errors import ConfigError
     from glider_jax.products.atomic import termination_raises, write_text
+    from glider_jax.products.figure_style import style_of
     from glider_jax.products.hindcast import cases_of, plain_numbers, rows, summarise
     from glider_jax.products.hindcast import hindcast as run
     from glider_jax.readers.recordings import read_recording
     from glider_jax.readers.vehicles import presets, read_vehicle
 
+    style_of(style)
+    if html and out is None:
+        raise ConfigError("--html: expected a folder for the page, found none. Give --out.")
     known = read_vehicle(vehicle if vehicle is None or vehicle in presets() else Path(vehicle))
     turn = None if variation_deg is None else math.radians(variation_deg)
     flown = None
@@ -47,7 +61,7 @@ def hindcast(
         from glider_jax.readers.missions import read_mission
 
         flown = read_mission(mission)
-    every, tables = [], {}
+    every, tables, digests = [], {}, {}
     with termination_raises():
         for path in paths:
             one = read_recording(path, cache=cache)
@@ -66,6 +80,7 @@ def hindcast(
                 )
                 continue
             tables[one.name] = summarise(cases)
+            digests |= {Path(name).name: digest for name, digest in one.source.files.items()}
             every += cases
     pooled = summarise(every)
     content = plain_numbers(
@@ -76,7 +91,15 @@ def hindcast(
 
         path = write_text(out / "hindcast.json", json.dumps(content, allow_nan=False, indent=1) + "\n")
         print(f"json: {path}", file=sys.stderr)
-        print(f"plot: {plot_reliability(every, out / 'reliability.png')}", file=sys.stderr)
+        print(f"plot: {plot_reliability(every, out / 'reliability.png', style)}", file=sys.stderr)
+    if html:
+        from glider_jax.products.html.hindcast import write_hindcast
+        from glider_jax.readers.bathymetry import read_bathymetry
+
+        floor = None if bathymetry is None else read_bathymetry(bathymetry)
+        settings = {"inputs": digests, "n": n, "seed": seed, "vehicle": known.name}
+        page = write_hindcast(every, content, out / "hindcast.html", bathymetry=floor, settings=settings)
+        print(f"html: {page}", file=sys.stderr)
     if json_:
         print(json.dumps(content, allow_nan=False))
     else:

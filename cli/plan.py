@@ -80,11 +80,21 @@ def plan(
     out: Annotated[Path, typer.Option(help="Folder of page, numbers and figures.", rich_help_panel=_SIZE)] = Path(
         "plan"
     ),
+    html: Annotated[
+        bool, typer.Option("--html", help="Write plan.html too: the report in one file.", rich_help_panel=_SIZE)
+    ] = False,
+    style: Annotated[
+        str, typer.Option(help="Look of the figures: screen, print or paper.", rich_help_panel=_SIZE)
+    ] = "screen",
     json_: Annotated[bool, typer.Option("--json", help="Print the numbers as JSON.", rich_help_panel=_SIZE)] = False,
 ) -> None:
     """Weigh mission duration, speed, sensing and energy: fly every combination of choices and recommend one.
 
-    Example: glider-forecast plan --loop --vary pitch=18,22,26 --vary battery=alkaline,lithium_primary_3s
+    Examples:
+
+    glider-forecast plan --loop --vary pitch=18,22,26 --vary battery=alkaline,lithium_primary_3s
+
+    glider-forecast plan mission.toml --vary dive_to=30,60,100 --goal days --html
     """
     from glider_jax_cli.session import compiled_cache, progress_bar
 
@@ -94,9 +104,11 @@ def plan(
 
     from glider_jax.errors import ConfigError
     from glider_jax.products.atomic import termination_raises
+    from glider_jax.products.figure_style import style_of
     from glider_jax.products.job import Options
     from glider_jax.products.planning_report import PlanOptions, count_settings, run_plan
 
+    style_of(style)
     begin = None
     if start is not None:
         try:
@@ -114,7 +126,7 @@ def plan(
         added = () if devices == "none" else tuple(word.strip() for word in devices.split(",") if word.strip())
     options = PlanOptions(
         inputs=inputs, vary=tuple(vary or ()), devices=added, loop=loop, by_days=by_days, goal=goal,
-        confidence=confidence, tornado=tornado,
+        confidence=confidence, tornado=tornado, html=html, style=style,
     )  # fmt: skip
     with termination_raises(), progress_bar("settings", count_settings(options.vary)) as progress:
         result = run_plan(options, out, progress)

@@ -41,11 +41,21 @@ def validate(
     out: Annotated[Path, typer.Option(help="Folder of page, numbers and figures.", rich_help_panel=_OUTPUT)] = Path(
         "validation"
     ),
+    html: Annotated[
+        bool, typer.Option("--html", help="Write validation.html too: the report in one file.", rich_help_panel=_OUTPUT)
+    ] = False,
+    style: Annotated[
+        str, typer.Option(help="Look of the figures: screen, print or paper.", rich_help_panel=_OUTPUT)
+    ] = "screen",
     json_: Annotated[bool, typer.Option("--json", help="Print the numbers as JSON.", rich_help_panel=_OUTPUT)] = False,
 ) -> None:
     """Fly the published simulations again and print paper, ours, difference and what is assumed.
 
-    Example: glider-forecast validate --out validation
+    Examples:
+
+    glider-forecast validate --out validation
+
+    glider-forecast validate --n 50 --html --out validation
     """
     from glider_jax_cli.session import compiled_cache, progress_bar
 
@@ -54,8 +64,10 @@ def validate(
 
     from glider_jax.errors import ConfigError
     from glider_jax.products.atomic import termination_raises
+    from glider_jax.products.figure_style import style_of
     from glider_jax.products.validation_report import Options, run_validation
 
+    style_of(style)
     if (flown is None) != (flown_mission is None):
         given, wanted = ("--flown", "--flown-mission") if flown else ("--flown-mission", "--flown")
         raise ConfigError(
@@ -63,7 +75,7 @@ def validate(
         )
     options = Options(
         n=n, seed=seed, currents=tuple(currents or ()), bathymetry=bathymetry, flown=flown,
-        flown_mission=flown_mission, flown_vehicle=flown_vehicle, figures=figures,
+        flown_mission=flown_mission, flown_vehicle=flown_vehicle, figures=figures, html=html, style=style,
     )  # fmt: skip
     with termination_raises(), progress_bar("simulations", 8) as progress:
         result = run_validation(options, out, progress)

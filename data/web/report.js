@@ -136,12 +136,12 @@
         const dy = north * field.scale, dx = east * field.scale;
         const tail = [lat - dy / 2, lon - dx / 2 / wide], tip = [lat + dy / 2, lon + dx / 2 / wide];
         const head = (turn) => {
-          const c = Math.cos(turn) * 0.36, s = Math.sin(turn) * 0.36;
+          const c = Math.cos(turn) * 0.26, s = Math.sin(turn) * 0.26;
           return [tip[0] - (dy * c - dx * s), tip[1] - (dx * c + dy * s) / wide];
         };
         parts.push([tail, tip], [head(0.42), tip, head(-0.42)]);
       }
-      L.polyline(parts, { pane: "arrows", className: "arrow", weight: 1.1, opacity: 0.75, interactive: false,
+      L.polyline(parts, { pane: "arrows", className: "arrow", weight: 1, opacity: 0.65, interactive: false,
         smoothFactor: 0, noClip: true }).addTo(arrows);
     }
     let last = null;

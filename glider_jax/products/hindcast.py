@@ -21,7 +21,7 @@ from glider_jax.inference.evidence import situation_of
 from glider_jax.inference.live import Flown, assemble, fly
 from glider_jax.products import scores
 from glider_jax.products.coordinates import LocalFrame, iso_time
-from glider_jax.products.regions import inside, regions_of_metres
+from glider_jax.products.regions import Region, inside, regions_of_metres
 from glider_jax.readers.dives import until
 from glider_jax.readers.segments import Segment, dive_segments
 from glider_jax.records import Recording
@@ -68,6 +68,8 @@ class Case:
     history: int
     gap: bool
     causes: dict[str, float] = field(default_factory=dict)
+    #: The regions of 50 and 90 %, for maps; not part of the tables.
+    regions: tuple[Region, ...] = field(default=(), repr=False, compare=False)
 
     @property
     def cause(self) -> str:
@@ -167,7 +169,7 @@ def score(flown: Flown, name: str, number: int, before: Segment, truth: Segment)
         charge_crps=scores.crps(drawn, charge), charge_below=scores.probability_below(drawn, charge),
         charge_persistence=abs(before.charge_used - charge),
         members_up=float(np.isfinite(flown.fix_time).mean()), history=known.behaviour.segments, gap=truth.gap,
-        causes=_causes(flown, truth),
+        causes=_causes(flown, truth), regions=(fifty, ninety),
     )  # fmt: skip
 
 
@@ -280,11 +282,12 @@ def rows(cases: list[Case]) -> list[dict[str, Any]]:
     """Cases as plain mappings, times in ISO, NaN as None."""
     table = []
     for case in cases:
-        row = asdict(case) | {
+        row = asdict(replace(case, regions=())) | {
             "cause": case.cause,
             "issued": iso_time(case.issued),
             "surfaced": iso_time(case.surfaced),
         }
+        del row["regions"]
         table.append(plain_numbers(row))
     return table
 

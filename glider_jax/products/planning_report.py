@@ -26,6 +26,7 @@ from glider_jax.products.planning_choice import (
     sensitivities,
     why_not,
 )
+from glider_jax.products.provenance import plain
 from glider_jax.readers.device_catalogue import DEVICES
 
 #: Steering, navigation and communication that a glider at sea has, and its stock science computer.
@@ -118,7 +119,23 @@ def run_plan(options: PlanOptions, out: Path | None, progress: Callable[[int], N
                 name = f"tornado-{one.group}" if one.group else "tornado"
                 title = f"What the answer hangs on: {words(one.setting or one.best)}"
                 files[name] = plot_tornado(hangs[one.group], options.goal, out / f"{name}.png", title, options.style)
+        if options.html:
+            files["html"] = _write_html(case, settings, chosen, hangs, options, out / "plan.html")
     return PlanResult(page, numbers, files, tuple(settings))
+
+
+def _write_html(case: Case, settings, chosen, hangs, options: PlanOptions, path: Path) -> Path:
+    from glider_jax.products.html.planning import write_plan
+
+    told = {
+        "subtitle": f"{len(settings)} settings, {case.n} members each, the same seeds for all · success is "
+        f"{_goal_words(case)}",
+        "answers": [" ".join(_answer(one, case, options)).replace("**", "") for one in chosen],
+        "assumed": [line.removeprefix("- ") for line in _assumed(case)],
+        "names": words,
+        "made": {"seed": case.seed, "settings": plain(options.inputs) | {"vary": list(options.vary)}},
+    }
+    return write_plan(case, settings, chosen, hangs, told, path, goal=options.goal)
 
 
 def count_settings(vary: Sequence[str]) -> int:

@@ -38,6 +38,7 @@ class Options:
     flown_vehicle: str | Path | Vehicle = "slocum_g1_comet"
     figures: bool = True
     style: str = "screen"
+    html: bool = False
 
 
 @dataclass(frozen=True)
@@ -76,7 +77,18 @@ def run_validation(options: Options, out: Path | None, progress: Callable[[int],
         files["json"] = write_text(out / "validation.json", json.dumps(numbers, indent=1, allow_nan=False) + "\n")
         if options.figures:
             files |= _draw(out, options, calibration, rows, yos, bathymetry, currents)
+        if options.html:
+            files["html"] = _write_html(out, options, page, numbers, files, (currents, bathymetry))
     return Result(page, numbers, files)
+
+
+def _write_html(out, options, page, numbers, files, fields) -> Path:
+    from glider_jax.products.html.validation import write_validation
+
+    pictures = {name: path for name, path in files.items() if path.suffix == ".png"}
+    digests = {Path(name).name: digest for field in fields for name, digest in field.source.files.items()}
+    settings = {"n": options.n, "seed": options.seed, "inputs": digests}
+    return write_validation(numbers, pictures, out / "validation.html", markdown=page, settings=settings)
 
 
 def _draw(out, options, calibration, rows, yos, bathymetry, currents) -> dict[str, Path]:

@@ -91,7 +91,8 @@ class Chart:
 
     def text(self, x: float, y: float, words: str, kind: str = "tick") -> None:
         """Words at a place."""
-        self._front.append(f'<text class="{kind}" x="{self.px(x) + 6:.1f}" y="{self.py(y) + 4:.1f}">{safe(words)}</text>')
+        a, b = self.px(x) + 6.0, self.py(y) + 4.0
+        self._front.append(f'<text class="{kind}" x="{a:.1f}" y="{b:.1f}">{safe(words)}</text>')
 
     def figure(self, title: str, caption: str = "", *, cursor: bool = False) -> Safe:
         """The chart as a figure; ``title`` is what a screen reader says."""
@@ -101,7 +102,9 @@ class Chart:
         for value in ticks(*self._y, log=self._log, wanted=5):
             y = self.py(value)
             parts.append(f'<path class="grid" d="M{low:.1f} {y:.1f}H{high:.1f}"/>')
-            parts.append(f'<text class="tick" text-anchor="end" x="{low - 6:.1f}" y="{y + 4:.1f}">{number(value)}</text>')
+            parts.append(
+                f'<text class="tick" text-anchor="end" x="{low - 6:.1f}" y="{y + 4:.1f}">{number(value)}</text>'
+            )
         marks = day_ticks(*self._x) if self._time else [(v, number(v)) for v in ticks(*self._x, log=self._log)]
         for value, words in marks:
             x = self.px(value)
@@ -116,18 +119,18 @@ class Chart:
         x_label, y_label = (safe(text) for text in self._labels)
         parts.append(f'<text text-anchor="middle" x="{(low + high) / 2:.1f}" y="{foot + 34:.1f}">{x_label}</text>')
         parts.append(
-            f'<text text-anchor="middle" transform="translate(13 {_TOP + self._high / 2:.1f}) rotate(-90)">{y_label}</text>'
+            f'<text text-anchor="middle" transform="translate(13 {_TOP + self._high / 2:.1f}) rotate(-90)">'
+            f"{y_label}</text>"
         )
         told = f"<figcaption>{safe(caption)}</figcaption>" if caption else ""
         return Safe(
-            f'<figure><svg class="chart" role="img" aria-label="{safe(title)}" viewBox="0 0 {_WIDTH:g} {self._height:g}" '
-            f'data-left="{low:g}" data-wide="{self._wide:g}">{"".join(parts)}</svg>{told}</figure>'
+            f'<figure><svg class="chart" role="img" aria-label="{safe(title)}" '
+            f'viewBox="0 0 {_WIDTH:g} {self._height:g}" data-left="{low:g}" data-wide="{self._wide:g}">'
+            f"{''.join(parts)}</svg>{told}</figure>"
         )
 
 
-def bars(
-    names: Sequence[str], values: Array, errors: Array | None, label: str, title: str, caption: str = ""
-) -> Safe:
+def bars(names: Sequence[str], values: Array, errors: Array | None, label: str, title: str, caption: str = "") -> Safe:
     """Horizontal bars around zero with standard errors, the first at the top."""
     values = np.asarray(values, float)
     spread = np.zeros_like(values) if errors is None else np.abs(np.asarray(errors, float))

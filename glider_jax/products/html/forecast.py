@@ -53,9 +53,7 @@ def write_report(
     return write_page(path, report(track, summary, fields, title=title))
 
 
-def report(
-    track: Track, summary: Mapping[str, Any], fields: Fields = Fields(), *, title: str | None = None
-) -> str:
+def report(track: Track, summary: Mapping[str, Any], fields: Fields = Fields(), *, title: str | None = None) -> str:
     """The page as text; see :func:`write_report`."""
     frames, clouds = _frames(track, summary)
     drawn = map_data(track, summary, fields, frames, clouds)
@@ -103,7 +101,8 @@ def map_block(frames: Sequence[Mapping[str, Any]], drawn: Mapping[str, Any], wha
         '<noscript><p class="warn">The map needs JavaScript; everything below does not.</p></noscript>'
         '<div class="mapbar"><div class="slider no-print">'
         '<button id="back" type="button" aria-label="Earlier">◀</button>'
-        f'<input id="time" type="range" min="0" max="{last}" step="1" value="{_first(frames)}" aria-label="{safe(what)}">'
+        f'<input id="time" type="range" min="0" max="{last}" step="1" value="{_first(frames)}" '
+        f'aria-label="{safe(what)}">'
         '<button id="on" type="button" aria-label="Later">▶</button>'
         '<button id="play" type="button" class="hide-narrow">Play</button></div>'
         '<p><span id="when"></span></p><p id="told" aria-live="polite"></p>'
@@ -113,7 +112,9 @@ def map_block(frames: Sequence[Mapping[str, Any]], drawn: Mapping[str, Any], wha
 
 
 def _first(frames: Sequence[Mapping[str, Any]]) -> int:
-    return next((k for k, frame in enumerate(frames) if frame.get("regions")), 0)
+    """The step shown at first: one third of the way, where regions are wide enough to see."""
+    shown = (k for k, frame in enumerate(frames) if frame.get("regions") and frame["share"] >= 0.3)
+    return next(shown, len(frames) - 1)
 
 
 def _swatch(kind: str) -> str:
@@ -121,7 +122,8 @@ def _swatch(kind: str) -> str:
         return ""
     path = "M1 6H20M15 2l5 4-5 4" if kind == "arrow" else "M1 2H21V10H1z" if kind == "r50" else "M1 6H21"
     fill = ' fill-opacity=".2"' if kind == "r50" else ""
-    return f'<svg width="22" height="12" aria-hidden="true"><path class="legend-{kind}" stroke-width="2"{fill} d="{path}"/></svg>'
+    line = f'<path class="legend-{kind}" stroke-width="2"{fill} d="{path}"/>'
+    return f'<svg width="22" height="12" aria-hidden="true">{line}</svg>'
 
 
 def instants(summary: Mapping[str, Any]) -> list[float]:
@@ -218,7 +220,8 @@ def map_data(track: Track, summary: Mapping[str, Any], fields: Fields, frames, c
         {"place": _at(start, reference), "kind": "start", "label": "S", "size": 20, "level": 300,
          "told": f"start {summary['forecast']['start'][:16]}Z\n{start['text']}"},
         *(
-            {"place": _at(w["place"], reference), "kind": "way", "label": str(w["number"]), "told": tables.told_waypoint(w)}
+            {"place": _at(w["place"], reference), "kind": "way", "label": str(w["number"]),
+             "told": tables.told_waypoint(w)}
             for w in summary["waypoints"]
         ),
     ]  # fmt: skip

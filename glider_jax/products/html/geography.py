@@ -104,9 +104,7 @@ def simplify_open(line: Array, tolerance: float) -> Array:
     return simplify(line, tolerance) if closed else thin(line, (0, len(line) - 1), tolerance)
 
 
-def current_layer(
-    grid: CurrentGrid, limits: chart.Limits, times: Sequence[float]
-) -> dict[str, Any] | None:
+def current_layer(grid: CurrentGrid, limits: chart.Limits, times: Sequence[float]) -> dict[str, Any] | None:
     """Arrows of the uppermost current at each time, interpolated in time, in cm/s; None where the grid has none.
 
     A frame outside the times of the product is None: what is not known is not drawn.
@@ -148,8 +146,8 @@ def current_layer(
     return {
         "places": np.round(np.stack([lon[known], lat[known]], axis=1) * 1e4).astype(int).ravel().tolist(),
         "frames": [None if frame is None else _centimetres(frame[:, known]) for frame in frames],
-        # Degrees of latitude per cm/s: a strong current's arrow is as long as the way to its neighbour.
-        "scale": 1.1 * spacing / (100.0 * typical),
+        # Degrees of latitude per cm/s: a strong current's arrow nearly reaches its neighbour.
+        "scale": 0.8 * spacing / (100.0 * typical),
         "typical_cm_s": round(100.0 * typical, 1),
         "constant": bool(grid.constant_in_time),
     }

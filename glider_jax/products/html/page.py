@@ -58,6 +58,7 @@ def table(
     caption: str = "",
     right: Iterable[int] = (),
     frames: Sequence[int] | None = None,
+    tight: bool = False,
 ) -> Safe:
     """A table that scrolls sideways on a narrow screen.
 
@@ -66,6 +67,7 @@ def table(
     head : column headings.  rows : cells, the first of each the row's heading.
     right : columns set to the right, for numbers.
     frames : for each row the frame of the slider that belongs to it.
+    tight : whether cells stay on one line.
     """
     sides = set(right)
 
@@ -84,8 +86,10 @@ def table(
     if not body:
         return Safe("")
     title = f"<caption>{safe(caption)}</caption>" if caption else ""
+    kind = " class=tight" if tight else ""
     return Safe(
-        f'<div class="wide"><table>{title}<thead><tr>{heading}</tr></thead><tbody>{"".join(body)}</tbody></table></div>'
+        f'<div class="wide"><table{kind}>{title}<thead><tr>{heading}</tr></thead>'
+        f"<tbody>{''.join(body)}</tbody></table></div>"
     )
 
 

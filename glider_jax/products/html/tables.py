@@ -102,7 +102,8 @@ def surfacings(summary: Mapping[str, Any]) -> Safe:
         return paragraph("No surfacing falls within the forecast.")
     head = ("", "median", "90 % interval", "degrees and minutes", "decimal degrees", "50 % region", "90 % region",
             "probability", "reason")  # fmt: skip
-    return table(head, rows, caption="Medians of the members; the probability is that it happens within the forecast.")
+    return table(head, rows, caption="Medians of the members; the probability is that it happens within the forecast.",
+                 tight=True)  # fmt: skip
 
 
 def next_fix(live: Mapping[str, Any]) -> Safe:
@@ -141,8 +142,8 @@ def waypoints(summary: Mapping[str, Any]) -> Safe:
         for w in summary["waypoints"]
     ]  # fmt: skip
     head = ("", "degrees and minutes", "decimal degrees", "reached", "arrival, median", "90 % interval",
-            "reached by", "closest, km")  # fmt: skip
-    return table(head, rows, caption="Times are of the members that arrive.", right=(3, 7))
+            "reached by", "closest km")  # fmt: skip
+    return table(head, rows, caption="Times are of the members that arrive.", right=(3, 7), tight=True)
 
 
 def areas(summary: Mapping[str, Any]) -> Safe:
@@ -179,7 +180,7 @@ def battery(summary: Mapping[str, Any]) -> Safe:
     ]
     levels = table(
         ("charge left", "within forecast", "median", "90 % interval"), rows,
-        caption=f"Beyond the forecast {entry['extrapolation']}.", right=(1,),
+        caption=f"Beyond the forecast {entry['extrapolation']}.", right=(1,), tight=True,
     )  # fmt: skip
     return Safe(f'<div class="pair">{drawn}<div>{levels}{_rates(summary)}{_outlook(summary)}</div></div>')
 
@@ -245,8 +246,9 @@ def energy(summary: Mapping[str, Any]) -> Safe:
                 f"{100 * values[-1] / total[-1]:.0f} %", "-" if charge is None else _number(charge["median"], 3),
             )
         )  # fmt: skip
-    rows.append(("total", f"{total[-1]:,.1f}", "100 %", _number(summary["rates"]["ah_per_day"]["total"]["median"], 3)))
-    drawn = chart.figure("Mean energy drawn by component", "Largest at the bottom, in the order of the table.", cursor=True)
+    whole = _number(summary["rates"]["ah_per_day"]["total"]["median"], 3)
+    rows.append(("total", f"{total[-1]:,.1f}", "100 %", whole))
+    drawn = chart.figure("Mean energy drawn by component", "Largest at the bottom, as in the table.", cursor=True)
     listed = table(("component", "Wh by the end", "share", "Ah per day"), rows, right=(1, 2, 3))
     return Safe(f'<div class="pair">{drawn}<div>{listed}</div></div>')
 
@@ -278,12 +280,14 @@ def inputs(summary: Mapping[str, Any], currents: CurrentGrid | None, floor: Bath
         rows.append(("gaps of the currents", currents.source.product, filled))
     if floor is not None:
         rows.append(("seafloor", floor.source.product, "does not age"))
-    rows.append(("forecast made", _stamp(summary["provenance"]["created"]), f"begins {_stamp(summary['forecast']['start'])}"))
+    made, begins = (_stamp(text) for text in (summary["provenance"]["created"], summary["forecast"]["start"]))
+    rows.append(("forecast made", made, f"begins {begins}"))
     live = summary.get("inputs")
     if live:
-        names = {key: key.replace("_", " ") for key in live["ages_h"]}
-        rows += [(names[key], "-" if age is None else f"{age:.2f} h", "age at the forecast") for key, age in live["ages_h"].items()]
-        rows.append(("heard", f"{live['surfacings_heard']} surfacings, {live['segments']} dives", f"now is {_stamp(live['now'])}"))
+        for key, age in live["ages_h"].items():
+            rows.append((key.replace("_", " "), "not known" if age is None else f"{age:.2f} h old", "at the forecast"))
+        heard = f"{live['surfacings_heard']} surfacings, {live['segments']} dives"
+        rows.append(("heard", heard, f"now is {_stamp(live['now'])}"))
     return table(("input", "what", "age and coverage"), rows)
 
 
@@ -319,7 +323,8 @@ def told_surfacing(entry: Mapping[str, Any]) -> str:
     """A surfacing's words under the pointer."""
     time = entry["time"]
     sizes = ", ".join(f"{100 * r['probability']:.0f} % {area(r['area_km2'])}" for r in entry["regions"])
-    return f"surfacing {entry['number']}: {_stamp(time['median'])}\n90 %: {_between(time)}\n{entry['place']['text']}\n{sizes}"
+    when = f"{_stamp(time['median'])}\n90 %: {_between(time)}"
+    return f"surfacing {entry['number']}: {when}\n{entry['place']['text']}\n{sizes}"
 
 
 def area(km2: float) -> str:
