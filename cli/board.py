@@ -73,8 +73,13 @@ def decode(
 
     arrivals = read_arrivals(log)
     record, decoder = write_record(read_pieces(log), out, log.name, revision, arrivals)
-    result = decoder.report.as_dict() | {"clock_steps": len(record.clock.steps), "out": str(out)}
-    _print(result, decoder.report.sentences(), as_json)
+    own = ("samples_by_channel", "period_s", "period_assumed")
+    result = decoder.report.as_dict() | {key: record.report[key] for key in own}
+    result |= {"clock_steps": len(record.clock.steps), "out": str(out)}
+    sentences = decoder.report.sentences()
+    if record.report["period_assumed"]:
+        sentences.append("the setup frame is lost: a tick is taken to be 32 ms")
+    _print(result, sentences, as_json)
     for channel in record.channels:
         record.require_usable(channel)
     if clock_steps is ClockSteps.refuse:
@@ -290,12 +295,14 @@ def zero(
 
     record = read_log(log)
     chosen = _calibration(calibration, record)
-    time = (record.tick - record.tick[0]) * record.period
-    rows = (time >= begin_s) & (time < end_s) & (record.epoch == record.epoch[0])
+    start = record.tick[0]
     result = {}
     for name in record.channels:
         record.require_usable(name)
-        level, sd = zero_when_off(record.counts[rows, record.column(name)], f"{log.name}: channel {name}")
+        own = record.only(name)
+        time = (own.tick - start) * own.period
+        rows = (time >= begin_s) & (time < end_s) & (own.epoch == record.epoch[0])
+        level, sd = zero_when_off(own.counts[rows, own.column(name)], f"{log.name}: channel {name}")
         chosen = chosen.with_zero(name, level, sd)
         result[name] = {"zero_counts": level, "sd_counts": sd, "sd_a": sd * chosen[name].amperes_per_count}
     write_calibration(replace(chosen, source=f"zeros from {log.name}"), out)
@@ -315,14 +322,16 @@ def plot(
 ) -> None:
     """Draw the current of each channel against time."""
     from glider_jax.board.plots import plot_currents
-    from glider_jax.board.record import read_log
+    from glider_jax.board.record import NOT_SAMPLED, read_log
 
     record = read_log(log)
     chosen = _calibration(calibration, record)
     time = record.utc(slice(None))
-    names = channels or list(record.channels)
-    currents = {name: chosen.amperes(name, record.counts[:, record.column(name)]).value for name in names}
-    typer.echo(f"wrote {plot_currents(out / 'currents.png', time, currents, title=record.name)}")
+    counts = {name: record.counts[:, record.column(name)] for name in channels or record.channels}
+    currents = {name: chosen.amperes(name, values).value for name, values in counts.items()}
+    sampled = {name: values != NOT_SAMPLED for name, values in counts.items()} if record.mixed else None
+    path = plot_currents(out / "currents.png", time, currents, title=record.name, sampled=sampled)
+    typer.echo(f"wrote {path}")
 
 
 @app.command()

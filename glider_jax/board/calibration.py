@@ -219,11 +219,19 @@ def zero_when_off(counts: NDArray[np.integer], name: str = "channel") -> tuple[f
             f"{name}: expected one level while the channel is off, found {values.size - kept.size} of {values.size} "
             "samples away from it. Choose a window in which nothing runs."
         )
-    noise = kept.std()
-    # What quantisation itself adds to the scatter does not dither.
-    dither = max(noise**2 - 1.0 / 12.0, 0.0)
-    bias = np.exp(-2.0 * np.pi**2 * dither) / np.pi / np.sqrt(2.0)
-    return float(kept.mean()), float(np.hypot(max(noise, 0.3) / np.sqrt(kept.size), bias))
+    noise = float(kept.std())
+    return float(kept.mean()), float(np.hypot(max(noise, 0.3) / np.sqrt(kept.size), undithered(noise)))
+
+
+def undithered(scatter: float) -> float:
+    """1-sigma of the bias that rounding to whole counts leaves in a mean, counts.
+
+    Parameters
+    ----------
+    scatter : counts, of single samples as read; what quantisation itself adds to it does not dither.
+    """
+    dither = max(scatter**2 - 1.0 / 12.0, 0.0)
+    return float(np.exp(-2.0 * np.pi**2 * dither) / np.pi / np.sqrt(2.0))
 
 
 def fit_drift(

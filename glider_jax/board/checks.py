@@ -69,11 +69,10 @@ class WiggleResult:
 
 
 def _centred(record: BoardRecord, channel: str, calibration: Calibration) -> tuple[NDArray[np.float64], ...]:
-    """Time, current above the first seconds' level, and the zero used, all of one channel."""
-    record.require_usable(channel)
+    """Time, current above the first seconds' level, and the zero used, all of one channel at its own rate."""
     column = record.column(channel)
     counts = record.counts[:, column].astype(np.float64)
-    rest = min(int(2.0 / record.period), counts.size // 4)
+    rest = min(int(2.0 / record.spacing), counts.size // 4)
     if rest < 16:
         raise DataError(
             f"{record.name}: expected at least 3 s of samples for a bench test, found {counts.size}."
@@ -101,6 +100,8 @@ def bench_check(
     ------
     DataError : no step is in the record, or the channel is saturated.
     """
+    record.require_usable(channel)
+    record = record.only(channel)
     time, current, zero = _centred(record, channel, calibration)
     limits = calibration[channel]
     on = np.abs(current) > 0.5 * abs(applied)
@@ -118,20 +119,20 @@ def bench_check(
     noise = float(current[inner].std())
     systematic = np.hypot(limits.gain_sd * abs(applied), zero[1] * limits.amperes_per_count)
     budget = 2.0 * float(np.hypot(systematic, limits.noise / count**0.5))
-    duration = float(time[end - 1] - time[begin] + record.period)
+    duration = float(time[end - 1] - time[begin] + record.spacing)
     reasons = []
     if abs(mean - applied) > budget:
         reasons.append(
             f"mean {mean:.4f} A is {mean - applied:+.4f} A from the applied {applied:g} A, budget {budget:.4f} A"
         )
-    if abs(duration - expected_duration) > 2.0 * record.period + 0.02 * expected_duration:
+    if abs(duration - expected_duration) > 2.0 * record.spacing + 0.02 * expected_duration:
         reasons.append(f"the step lasted {duration:.3f} s, expected {expected_duration:g} s")
     if noise > 2.0 * limits.noise:
         reasons.append(f"noise {1e3 * noise:.1f} mA rms, expected at most {2e3 * limits.noise:.1f} mA")
     after = current[end + 4 :]
     if after.size >= 16 and abs(float(np.median(after))) > max(budget, 3.0 * limits.noise):
         reasons.append(f"the zero moved by {float(np.median(after)):+.4f} A after the step")
-    steps = np.diff(record.tick[begin:end])
+    steps = np.diff(record.tick[begin:end]) // record.stride
     if steps.size and steps.max() > 1:
         reasons.append(f"{int(steps.sum() - steps.size)} samples are missing in the step")
     return BenchResult(
@@ -158,6 +159,8 @@ def wiggle_test(record: BoardRecord, channel: str, calibration: Calibration, bur
     channel : ``fin`` or ``pitch``.
     bursts : least number of movements in each direction.
     """
+    record.require_usable(channel)
+    record = record.only(channel)
     time, current, _ = _centred(record, channel, calibration)
     limits = calibration[channel]
     threshold = max(0.05, 5.0 * limits.noise)

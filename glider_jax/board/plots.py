@@ -100,19 +100,22 @@ def plot_currents(
     currents: dict[str, NDArray[np.float64]],
     glider: GliderRecord | None = None,
     title: str = "",
+    sampled: dict[str, NDArray[np.bool_]] | None = None,
 ) -> Path:
     """Current of each channel and the depth against time.
 
     Parameters
     ----------
-    time : (sample,) s since 1970. currents : channel to (sample,) A.
+    time : (row,) s since 1970. currents : channel to (row,) A.
+    sampled : channel to (row,), rows at which a channel had its turn; every row by default.
     """
     rows = len(currents) + (glider is not None)
     figure, axes = _figure(9.0, 1.2 + 1.7 * rows, rows)
     time = np.asarray(time, dtype=np.float64)
     place, cuts = without_pauses(time, time)
     for axis, (name, values) in zip(axes, currents.items(), strict=False):
-        x, y = envelope(place / 3600.0, _broken(values, time))
+        rows_of = sampled[name] if sampled else slice(None)
+        x, y = envelope(place[rows_of] / 3600.0, _broken(values[rows_of], time[rows_of]))
         axis.plot(x, y, color=_BLUE, linewidth=0.7)
         axis.set_ylabel(f"{name}\n(A)")
     if glider is not None:

@@ -72,6 +72,17 @@ def mean_of_blocks(
     return mean, max(sds) if sds else float(np.std(values) + 1e-6)
 
 
+def state_names(record: GliderRecord, time: NDArray[np.float64]) -> NDArray[np.object_]:
+    """Which devices were on at some times, their names joined by ``+``; a device that never changed is left out."""
+    states = np.full(time.size, "", dtype=object)
+    row = np.clip(np.searchsorted(record.time, time, side="right") - 1, 0, record.time.size - 1)
+    for name, values in (record.states or {}).items():
+        on = np.nan_to_num(values) > 0.5
+        if on.any() and not on.all():
+            states[on[row]] = [f"{label}+{name}" if label else name for label in states[on[row]]]
+    return states
+
+
 def _level(
     phase: str,
     state: str,
@@ -121,11 +132,7 @@ def steady_levels(record: GliderRecord, least_seconds: float = 60.0) -> list[Lev
             f"{record.name}: expected cycles without a motor to measure the steady load, found none."
         )
     power = record.current * record.voltage
-    states = np.full(record.time.size, "", dtype=object)
-    for name, values in (record.states or {}).items():
-        on = np.nan_to_num(values) > 0.5
-        if on.any() and not on.all():
-            states[on] = [f"{label}+{name}" if label else name for label in states[on]]
+    states = state_names(record, record.time)
     out = []
     for chosen, rows in [
         ("submerged", quiet & ((phase == "dive") | (phase == "climb"))),
