@@ -14,11 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from glider_jax.products import cartography as chart
 from glider_jax.products.clouds import Cloud
 from glider_jax.products.coordinates import LocalFrame, iso_time, place_text, unwrap_longitude, wrap_longitude
 from glider_jax.products.html import tables
-from glider_jax.products.html.geography import bathymetry_layers, current_layer, density_layer, encode, rings
+from glider_jax.products.html.geography import bathymetry_layers, current_layer, density_layer, encode, rings, wider
 from glider_jax.products.html.page import Safe, page, safe, section, settings_block, warnings, write_page
 from glider_jax.products.maps import map_limits
 from glider_jax.products.measures import Positions
@@ -78,7 +77,12 @@ def report(track: Track, summary: Mapping[str, Any], fields: Fields = Fields(), 
     )
 
 
-def map_block(frames: Sequence[Mapping[str, Any]], drawn: Mapping[str, Any], what: str = "Time of the map") -> Safe:
+def map_block(
+    frames: Sequence[Mapping[str, Any]],
+    drawn: Mapping[str, Any],
+    what: str = "Time of the map",
+    places: str = "places and median path",
+) -> Safe:
     """The map's place in the page, the slider below it and the choice of layers."""
     last = len(frames) - 1
     layers = [("sea", "depth", "")] if drawn.get("bands") else []
@@ -87,7 +91,7 @@ def map_block(frames: Sequence[Mapping[str, Any]], drawn: Mapping[str, Any], wha
     if drawn.get("density"):
         layers.append(("density", "members", ""))
     layers.append(("regions", "50 % (solid) and 90 % (dashed) region", "r50"))
-    layers.append(("places", "places and median path", "path"))
+    layers.append(("places", places, "path"))
     if drawn.get("surfacings"):
         layers.append(("surfacings", "next surfacings", ""))
     boxes = "".join(
@@ -204,7 +208,7 @@ def map_data(track: Track, summary: Mapping[str, Any], fields: Fields, frames, c
     reference = float(start["longitude"])
     longitude = unwrap_longitude(track.longitude, reference)
     limits = map_limits(track, longitude, summary, reference, ratio=_RATIO)
-    around = _wider(limits, 0.35)
+    around = wider(limits, 0.35)
     begin = float(track.time[0])
     drawn: dict[str, Any] = {"bounds": [[limits.south, limits.west], [limits.north, limits.east]]}
     if fields.bathymetry is not None:
@@ -252,11 +256,3 @@ def _near(entries: Sequence[Mapping[str, Any]], start: list[float]) -> list[list
     low, high = points.min(axis=0), points.max(axis=0)
     pad = 0.25 * np.maximum(high - low, 0.01)
     return [(low - pad).round(5).tolist(), (high + pad).round(5).tolist()]
-
-
-def _wider(limits: chart.Limits, share: float) -> chart.Limits:
-    """Limits with room to move the map around in."""
-    high, wide = share * (limits.north - limits.south), share * (limits.east - limits.west)
-    return chart.Limits(
-        max(limits.south - high, -85.0), limits.west - wide, min(limits.north + high, 85.0), limits.east + wide
-    )

@@ -34,6 +34,14 @@ def encode(longitude: Array, latitude: Array) -> list[int]:
     return steps[kept].ravel().tolist()
 
 
+def wider(limits: chart.Limits, share: float) -> chart.Limits:
+    """Limits with room to move the map around in."""
+    high, wide = share * (limits.north - limits.south), share * (limits.east - limits.west)
+    return chart.Limits(
+        max(limits.south - high, -85.0), limits.west - wide, min(limits.north + high, 85.0), limits.east + wide
+    )
+
+
 def rings(geometry: Mapping[str, Any], reference: float) -> list[list[list[int]]]:
     """Polygons of a GeoJSON MultiPolygon; the first ring of each is the outline."""
     found = []

@@ -15,7 +15,7 @@ from glider_jax.products.coordinates import iso_time, place_text, unwrap_longitu
 from glider_jax.products.hindcast import Case
 from glider_jax.products.html.charts import Chart
 from glider_jax.products.html.forecast import map_block
-from glider_jax.products.html.geography import bathymetry_layers, encode, rings
+from glider_jax.products.html.geography import bathymetry_layers, encode, rings, wider
 from glider_jax.products.html.page import Safe, cards, page, paragraph, section, settings_block, table, write_page
 from glider_jax.products.html.tables import area
 from glider_jax.products.provenance import creation_time
@@ -46,7 +46,7 @@ def write_hindcast(
             "in 90 % region", "skill")  # fmt: skip
     rows = [_row(name, entry) for name, entry in (*content["recordings"].items(), ("all", pooled))]
     sections = [
-        section("map-part", "Map", map_block(frames, drawn, "Surfacing")),
+        section("map-part", "Map", map_block(frames, drawn, "Surfacing", "way flown; blue: forecast, dark: what came")),
         section("scores", "Scores", table(head, rows, right=range(1, 9), tight=True), _told()),
         section("figures", "Coverage and errors", _figures(cases)),
         section("cases", "Every surfacing", _cases(content["cases"])),
@@ -99,7 +99,7 @@ def _map(cases: Sequence[Case], bathymetry: BathymetryGrid | None) -> tuple[dict
     limits = chart.limits_around(lat, lon, ratio=1.6, margin=0.12, least_km=3.0)
     drawn: dict[str, Any] = {"bounds": [[limits.south, limits.west], [limits.north, limits.east]], "pins": []}
     if bathymetry is not None:
-        drawn |= bathymetry_layers(bathymetry, limits)
+        drawn |= bathymetry_layers(bathymetry, wider(limits, 0.5))
     first = [c for c in cases if c.recording == cases[0].recording]
     if len(first) == len(cases) and len(cases) > 1:
         drawn["path"] = encode(lon[::2], lat[::2])

@@ -11,13 +11,14 @@ import numpy as np
 from glider_jax.products import cartography as chart
 from glider_jax.products.coordinates import place_text, unwrap_longitude
 from glider_jax.products.html.charts import Chart, bars
-from glider_jax.products.html.geography import bathymetry_layers, encode
+from glider_jax.products.html.geography import bathymetry_layers, encode, wider
 from glider_jax.products.html.page import (
     Safe,
     bullets,
     cards,
     page,
     paragraph,
+    safe,
     section,
     settings_block,
     table,
@@ -52,18 +53,7 @@ def write_plan(
     """
     names = words["names"]
     drawn = _map(case)
-    tornado = [
-        bars(
-            [f"{s.name} ({s.step})" for s in list(found)[:14]], np.array([pair[0] for pair in side]),
-            np.array([pair[1] for pair in side]), label, f"{label} per step of each parameter",
-        )
-        for found in hangs.values() if found
-        for side, label in (
-            ([s.energy for s in list(found)[:14]], "change of energy drawn (Wh)"),
-            ([s.goal for s in list(found)[:14]], f"change of {GOALS[goal][2]}"),
-        )
-    ]  # fmt: skip
-    hanging = Safe(f'<div class="pair">{"".join(tornado)}</div>') if tornado else Safe("")
+    hanging = Safe("".join(_tornado(group, found, goal) for group, found in hangs.items() if found))
     refused = [f"{names(s)}: {s.refused}" for s in settings if s.refused]
     sections = [
         section("answer", "Answer", bullets(words["answers"])),
@@ -79,6 +69,21 @@ def write_plan(
     return write_page(path, text)
 
 
+def _tornado(group: str, found: Sequence[Sensitivity], goal: str) -> str:
+    """What a step of each parameter changes, in energy and in the goal."""
+    shown = list(found)[:14]
+    names = [f"{s.name} ({s.step})" for s in shown]
+    drawn = []
+    for pairs, label in (
+        ([s.energy for s in shown], "change of energy drawn (Wh)"),
+        ([s.goal for s in shown], f"change of {GOALS[goal][2]}"),
+    ):
+        value, error = np.array(pairs, float).T
+        drawn.append(bars(names, value, error, label, f"{label} per step of each parameter"))
+    head = f"<h3>{safe(group)}</h3>" if group else ""
+    return f'{head}<div class="pair">{"".join(drawn)}</div>'
+
+
 def _headline(chosen: Sequence[Recommendation], names) -> Safe:
     boxes = []
     for one in chosen:
@@ -92,7 +97,8 @@ def _headline(chosen: Sequence[Recommendation], names) -> Safe:
             ):  # fmt: skip
                 low, middle, high = np.quantile(values, (0.05, 0.5, 0.95))
                 digits = 1 if abs(middle) < 100 else 0
-                boxes.append((label, f"{middle:,.{digits}f}{unit}", f"90 %: {low:,.{digits}f} to {high:,.{digits}f}"))
+                name = f"{label}, {one.group}" if one.group else label
+                boxes.append((name, f"{middle:,.{digits}f}{unit}", f"90 %: {low:,.{digits}f} to {high:,.{digits}f}"))
     return cards(boxes)
 
 
@@ -182,7 +188,7 @@ def _map(case: Case) -> dict[str, Any] | None:
     limits = chart.limits_around(places[:, 0], longitude, ratio=1.6, margin=0.2, least_km=5.0)
     drawn: dict[str, Any] = {"bounds": [[limits.south, limits.west], [limits.north, limits.east]]}
     if case.bathymetry is not None:
-        drawn |= bathymetry_layers(case.bathymetry, limits)
+        drawn |= bathymetry_layers(case.bathymetry, wider(limits, 0.5))
     drawn["path"] = encode(longitude, places[:, 0])
     pins = []
     for k, (lat, lon) in enumerate(zip(places[:, 0], longitude, strict=True)):

@@ -40,7 +40,8 @@ def write_validation(
     """
     rows = numbers["rows"]
     small = {name: file for name, file in figures.items() if file.stat().st_size <= _LARGEST_PICTURE}
-    pictures = Safe("".join(picture(file, name.replace("-", " ")) for name, file in small.items()))
+    drawn = "".join(picture(file, name.replace("-", " ")) for name, file in small.items())
+    pictures = Safe(f'<div class="pair">{drawn}</div>' if drawn else "")
     left_out = [name for name in figures if name not in small]
     if left_out:
         pictures = Safe(pictures + paragraph(f"Too large for this page: {', '.join(left_out)}."))
