@@ -135,8 +135,11 @@ def initial_state(plan: Plan, shape: Shape, env: Environment, member: Member, ea
     )  # fmt: skip
 
 
-def flight_legs(member: Member, plan: Plan, column: Column, elapsed) -> TabulatedLegs:
-    """Legs of a member's steady glide through the water column, with its physics as it is at ``elapsed`` s."""
+def flight_legs(member: Member, plan: Plan, column: Column, elapsed, run=True) -> TabulatedLegs:
+    """Legs of a member's steady glide through the water column, with its physics as it is at ``elapsed`` s.
+
+    ``run`` is true, and best unknown to the compiler; see :func:`~glider_jax.environment.fields.fenced`.
+    """
 
     def glide(direction, pitch, volume, depth, pressure, temperature, density):
         sample = Sample.of(
@@ -155,7 +158,7 @@ def flight_legs(member: Member, plan: Plan, column: Column, elapsed) -> Tabulate
     up, ahead_up, good_up = levels(1.0, plan.climb_pitch, plan.climb_volume, *water)
     needed = column.depth <= plan.dive_to
     flies = jnp.all((good_down & good_up) | ~needed)
-    return tabulate(1.0 / down, ahead_down, 1.0 / up, ahead_up, column.step, flies)
+    return tabulate(1.0 / down, ahead_down, 1.0 / up, ahead_up, column.step, flies, run)
 
 
 def _output(state: State, interval, base) -> Output:
@@ -202,7 +205,7 @@ def fly(members: Member, plan: Plan, shape: Shape, env: Environment, column: Col
         start = (b * shape.intervals).astype(dtype) * interval
         legs = None
         if shape.speed == "flight":
-            legs = jax.vmap(lambda m: make_legs(m, plan, column, start))(members)
+            legs = jax.vmap(lambda m: make_legs(m, plan, column, start, env.bathymetry.run))(members)
 
         def until(state, k):
             index = b * shape.intervals + k

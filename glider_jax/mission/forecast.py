@@ -5,6 +5,7 @@ The one place where the pieces meet; the command line, notebooks and live foreca
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -31,6 +32,7 @@ from glider_jax.physics.term import Channel, Sample
 from glider_jax.records import BathymetryGrid, CurrentGrid, Track, WaterProfile
 
 CHUNK = 5_000
+DAY = 86400.0
 _MOTORS = ("pump out", "pump in", "brake", "hotel")
 
 
@@ -139,15 +141,17 @@ def prepare(
         notes.append("no bathymetry given: the seafloor is never reached")
     column, temperature, told = make_column(water, vehicle, deepest(mission), position[0], dtype=dtype)
     notes += told if speed == "flight" else []
+    model = build_model(vehicle, dtype=dtype)
+    # Tables of the glide last the whole forecast unless something in them changes with time.
+    block = DAY if model.glide_reads("time", "elapsed") else math.inf
     plan, shape = make_plan(
-        mission, vehicle, frame, t0=t0, duration=duration, speed=speed, speeds=speeds, interval=interval,
+        mission, vehicle, frame, t0=t0, duration=duration, speed=speed, speeds=speeds, interval=interval, block=block,
         levels=column.depth.shape[0], product_error=own_error, temperature=temperature,
         density=float(np.mean(column.density)), dtype=dtype,
     )  # fmt: skip
     devices = build_devices(
         vehicle.devices, mission.samples, dive_to=mission.yo.dive_to, climb_to=mission.yo.climb_to, dtype=dtype
     )
-    model = build_model(vehicle, dtype=dtype)
     return Run(
         mission=mission, vehicle=vehicle, plan=plan, shape=shape,
         environment=Environment(frame.cast(dtype), field_, floor), column=column if speed == "flight" else None,
@@ -318,24 +322,8 @@ def _surfacings(run, out: Output, count):
 
     The logs are as of the end of the step that passed the output time, so they may be one event ahead of the sums.
     """
-    found: dict[str, list] = {"up": [], "down": []}
-    for kind, logs in (("up", (out.surfaced_before, out.surfaced)), ("down", (out.left_before, out.left))):
-        for log in logs:
-            found[kind].append(np.stack([log.time, log.east, log.north, log.reason.astype(log.time.dtype)]))
-    # Distinct times of each member, in order: (event, output) flattened, sorted, repeats dropped.
-    tables = {}
-    for kind, pair in found.items():
-        every = np.concatenate([p.transpose(2, 1, 0) for p in pair], axis=1)
-        order = np.argsort(every[:, :, 0], axis=1)
-        every = np.take_along_axis(every, order[:, :, None], axis=1)
-        times = every[:, :, 0]
-        new = np.isfinite(times) & (np.diff(times, axis=1, prepend=-np.inf) > 0.5)
-        rank = np.cumsum(new, axis=1) - 1
-        table = np.full((count, max(int(new.sum(1).max(initial=0)), 1), 4), np.nan)
-        rows, columns = np.nonzero(new)
-        table[rows, rank[rows, columns]] = every[rows, columns]
-        tables[kind] = table
-    up, down = tables["up"], tables["down"]
+    up = _events(out.surfaced_before, out.surfaced, count)
+    down = _events(out.left_before, out.left, count)
     most = up.shape[1]
     # A departure belongs to the surfacing before it; the last may have none.
     down = np.concatenate([down, np.full((count, max(0, most - down.shape[1]), 4), np.nan)], axis=1)[:, :most]
@@ -345,6 +333,27 @@ def _surfacings(run, out: Output, count):
         logs.append((run.t0 + log[:, :, 0], latitude, longitude))
     reasons = np.where(np.isfinite(up[:, :, 3]), up[:, :, 3], -1).astype(np.int8)
     return logs[0], logs[1], reasons
+
+
+def _events(before, latest, count: int) -> np.ndarray:
+    """Distinct events of each member in order, (member, event, 4): time s, east m, north m, reason; NaN-padded.
+
+    An output holds the latest event and the one before; either is new if it came after the output before.
+    """
+    logs = [[np.asarray(v) for v in log] for log in (before, latest)]
+    times = np.stack([np.nan_to_num(log[0], nan=-np.inf) for log in logs], axis=-1)
+    last = np.concatenate([np.full((1, count), -np.inf, times.dtype), times[:-1, :, 1]])
+    new = (times > last[:, :, None] + 0.5).transpose(1, 0, 2).reshape(count, -1)
+    rank = np.cumsum(new, axis=1, dtype=np.int32) - 1
+    table = np.full((count, max(int(rank[:, -1].max(initial=-1)) + 1, 1), 4), np.nan)
+    rows, columns = np.nonzero(new)
+    place = rank[rows, columns]
+    for which, log in enumerate(logs):
+        mine = columns % 2 == which
+        output, member = columns[mine] // 2, rows[mine]
+        for field, values in enumerate(log):
+            table[member, place[mine], field] = values[output, member]
+    return table
 
 
 def most_surfacings(run: Run) -> int:

@@ -13,6 +13,8 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax.numpy as jnp
 
+from glider_jax.environment.fields import fenced
+
 
 class Cumulative(NamedTuple):
     """Seconds and metres forward of a dive from the surface to a depth, and of a climb from there to the surface."""
@@ -45,36 +47,59 @@ class ConstantLegs(eqx.Module):
 
 
 class TabulatedLegs(eqx.Module):
-    """Legs through stratified water: ``tables`` (4, levels) of :class:`Cumulative` at depths ``step`` m apart."""
+    """Legs through stratified water, linear within layers ``step`` m thick.
 
-    tables: Any
+    ``rows`` (layers, 8): :class:`Cumulative` at the top of each layer and its growth through it, so that one gather
+    finds both. ``inverse`` (nodes, 2): depth after every ``time_step`` s of diving from the surface, and its growth.
+    """
+
+    rows: Any
+    inverse: Any
     step: Any
+    time_step: Any
     flies: Any
+    run: Any
 
     def cumulative(self, depth) -> Cumulative:
-        """Times and distances between the surface and ``depth`` (m), linear between levels.
+        """Times and distances between the surface and ``depth`` (m), linear between levels."""
+        place = depth / self.step
+        layer = jnp.clip(jnp.floor(place), 0.0, self.rows.shape[-2] - 1.0)
+        part = jnp.clip(place - layer, 0.0, 1.0)
 
-        A sum of hat functions, because a gather per member costs more than these few multiplications.
-        """
-        levels = self.tables.shape[-1]
-        place = jnp.clip(depth / self.step, 0.0, levels - 1.0)
-        hats = jnp.maximum(1.0 - jnp.abs(place - jnp.arange(levels, dtype=self.tables.dtype)), 0.0)
-        values = (self.tables * hats).sum(axis=-1)
-        return Cumulative(values[0], values[1], values[2], values[3])
+        def lookup():
+            row = self.rows[layer.astype(jnp.int32)]
+            return tuple(row[k] + part * row[4 + k] for k in range(4))
+
+        return Cumulative(*fenced(self.run, lookup))
 
     def depth_after(self, depth, duration):
         """Depth (m) reached by diving on from ``depth`` for ``duration`` s."""
         until = self.cumulative(depth).dive_time + jnp.maximum(duration, 0.0)
-        low, high = self.tables[0, :-1], self.tables[0, 1:]
-        return (jnp.clip((until - low) / (high - low), 0.0, 1.0) * self.step).sum(axis=-1)
+        place = until / self.time_step
+        node = jnp.clip(jnp.floor(place), 0.0, self.inverse.shape[-2] - 1.0)
+        part = jnp.clip(place - node, 0.0, 1.0)
+
+        def lookup():
+            row = self.inverse[node.astype(jnp.int32)]
+            return row[0] + part * row[1]
+
+        return fenced(self.run, lookup)
 
     def valid(self):
         """Whether the glider glides at every level."""
         return self.flies
 
 
-def tabulate(slowness_down, forward_down, slowness_up, forward_up, step, flies) -> TabulatedLegs:
+def tabulate(slowness_down, forward_down, slowness_up, forward_up, step, flies, run) -> TabulatedLegs:
     """Integrate slowness (s m-1) and forward speed (m s-1) given at layer middles, shape (layers,), into legs."""
-    rows = jnp.stack([slowness_down, slowness_down * forward_down, slowness_up, slowness_up * forward_up])
-    total = jnp.cumsum(rows, axis=-1) * step
-    return TabulatedLegs(jnp.concatenate([jnp.zeros_like(total[:, :1]), total], axis=-1), step, flies)
+    rows = jnp.stack([slowness_down, slowness_down * forward_down, slowness_up, slowness_up * forward_up], axis=-1)
+    growth = rows * step
+    tops = jnp.cumsum(growth, axis=0) - growth
+    # The inverse of the dive's time, on as many even steps of time as there are layers.
+    layers = slowness_down.shape[0]
+    depths = jnp.arange(layers + 1, dtype=growth.dtype) * step
+    times = jnp.append(tops[:, 0], tops[-1, 0] + growth[-1, 0])
+    time_step = times[-1] / layers
+    nodes = jnp.interp(jnp.arange(layers + 1, dtype=growth.dtype) * time_step, times, depths)
+    inverse = jnp.stack([nodes[:-1], nodes[1:] - nodes[:-1]], axis=-1)
+    return TabulatedLegs(jnp.concatenate([tops, growth], axis=-1), inverse, step, time_step, flies, run)

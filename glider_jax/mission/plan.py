@@ -161,7 +161,7 @@ def make_plan(
     t0 : UTC seconds of the start.  duration : s to forecast.  interval : s between outputs.
     speed : ``shoebox``, ``distribution`` or ``flight``.
     speeds : nodes (m s-1) of the forward speed and their cumulative probabilities; None for ``flight``.
-    levels : layers of the flight tables.  block : s after which the flight tables are made anew.
+    levels : layers of the flight tables.  block : s after which the flight tables are made anew, infinity for never.
     product_error : whether the current product states its own error.
     temperature, density : K and kg m-3, means of the water flown through.
     """
@@ -174,7 +174,8 @@ def make_plan(
     asked = (REASON,) if mission.program else ()
     reasons = tuple(rule.kind for rule in timed) + asked + ("waypoint", "yo_count", "mission_done")
     intervals = max(1, math.ceil(duration / interval - 1e-9))
-    per_block = max(1, int(block // interval)) if speed == "flight" else intervals
+    per_block = max(1, int(min(block, duration + interval) // interval)) if speed == "flight" else intervals
+    per_block = min(per_block, intervals)
     blocks = math.ceil(intervals / per_block)
     east, north = frame.to_metres(*np.array(order, float).T)
     yo = mission.yo

@@ -11,6 +11,7 @@ rule leads elsewhere.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -196,16 +197,16 @@ def with_tables(flight_legs: Callable, shape) -> Callable:
         return flight_legs
     pitched = [k for k, kind in enumerate(shape.program) if "pitch" in kind.actions]
 
-    def make(member, plan, column, elapsed):
+    def make(member, plan, column, elapsed, run=True):
         depths = [plan.dive_to, *(r.values["dive_to"] for r in plan.program if "dive_to" in r.values)]
         deepest = jnp.max(jnp.stack(depths))
         plan = eqx.tree_at(lambda p: p.dive_to, plan, deepest)
-        tables = [flight_legs(member, plan, column, elapsed)]
+        tables = [flight_legs(member, plan, column, elapsed, run)]
         for k in pitched:
             angle = plan.program[k].values["pitch"]
             tables.append(
                 flight_legs(
-                    member, eqx.tree_at(lambda p: [p.dive_pitch, p.climb_pitch], plan, [angle] * 2), column, elapsed
+                    member, eqx.tree_at(lambda p: [p.dive_pitch, p.climb_pitch], plan, [angle] * 2), column, elapsed, run
                 )
             )
         return tuple(tables)
@@ -218,9 +219,5 @@ def _choose_legs(legs, shape, active) -> TabulatedLegs:
     pitched = [k for k, kind in enumerate(shape.program) if "pitch" in kind.actions]
     chosen = legs[0]
     for k, table in reversed(list(zip(pitched, legs[1:], strict=True))):
-        chosen = TabulatedLegs(
-            jnp.where(active[k], table.tables, chosen.tables),
-            chosen.step,
-            jnp.where(active[k], table.flies, chosen.flies),
-        )
+        chosen = jax.tree.map(partial(jnp.where, active[k]), table, chosen)
     return chosen

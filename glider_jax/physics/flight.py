@@ -63,7 +63,9 @@ def attack_angle(
 
     def newton(a: Scalar) -> Scalar:
         path = jnp.minimum(pitch + a, _STEEPEST)
-        tangent, secant = jnp.tan(path), 1.0 / jnp.cos(path)
+        # The path is less steep than a quarter turn: its secant is positive.
+        tangent = jnp.tan(path)
+        secant = jnp.sqrt(1.0 + tangent * tangent)
         slope = tangent + push * secant
         bend = secant * secant + push * secant * tangent
         residual = parasite + induced * a * a - lift * a * slope

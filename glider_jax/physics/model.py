@@ -108,6 +108,11 @@ class FlightModel(eqx.Module):
                 glide = self._glide(sample)
         return glide
 
+    def glide_reads(self, *fields: str) -> bool:
+        """Whether the steady glide depends on any of the named fields of a sample; known before tracing."""
+        felt = _GLIDE_CHANNELS | {Channel.VERTICAL_WATER_VELOCITY}
+        return any(set(fields).intersection(t.info.reads) and felt.intersection(t.info.channels) for t in self.terms)
+
     def response_time(self, sample: Sample) -> Scalar:
         """Time constant with which the speed follows its steady value, s."""
         return self.total(Channel.RESPONSE_TIME, sample)

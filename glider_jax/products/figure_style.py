@@ -11,13 +11,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.text import Text
+from typing import TYPE_CHECKING
 
 from glider_jax.errors import ConfigError, did_you_mean
 from glider_jax.products.atomic import atomic_path
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 #: Inches; room for the key of arrows, which counts for no extent.
 _MARGIN = 0.3
