@@ -61,6 +61,7 @@ _COMMANDS = (
 )
 _GROUPS = (
     ("board", "board", "Decode, capture and check the current-measurement board."),
+    ("mission", "mission", "Check a mission and its program; write it as Slocum files."),
     ("energy", "energy", "Fit energy models to board logs and recordings."),
     ("speeds", "speeds", "Fit speed distributions to recordings."),
 )

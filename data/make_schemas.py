@@ -11,9 +11,10 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from glider_jax.config import SURFACE_KINDS, Aborts
+from glider_jax.config import PROGRAM_CONDITIONS, SURFACE_KINDS, Aborts
 from glider_jax.readers.battery_packs import PACKS
 from glider_jax.readers.device_catalogue import DEVICES, GROUPS, STATES
+from glider_jax.readers.mission_programs import ACTION_NUMBERS
 from glider_jax.readers.quantities import QUANTITIES, SECTIONS
 from glider_jax.readers.toml_checks import SUFFIXES, UNITS
 
@@ -144,6 +145,19 @@ def mission() -> dict[str, Any]:
     aborts: dict[str, Any] = {}
     for item in fields(Aborts):
         aborts |= quantity(item.name, units.get(item.name, "s"), item.name.replace("_", " "))
+    when: dict[str, Any] = {}
+    for kind, (quantity_name, unit, _) in PROGRAM_CONDITIONS.items():
+        if quantity_name == "time":
+            when[kind] = time
+        elif quantity_name == "flying_to_waypoint":
+            when[kind] = {"type": "integer", "minimum": 1, "description": "number of the waypoint flown to"}
+        else:
+            when |= quantity(kind, unit, kind.replace("_", " "))
+    goto = {"anyOf": [POSITION, choice(("home", "next")), {"type": "integer", "minimum": 1}]}
+    then: dict[str, Any] = {"goto": goto, "surface_now": SWITCH, "end_mission": SWITCH}
+    for name, (unit, bare) in ACTION_NUMBERS.items():
+        then |= quantity(name, unit, f"{name.replace('_', ' ')} while the rule is in force", bare or "")
+    program = {"name": TEXT, "when": table(when), "then": table(then), "once": SWITCH}
     return schema(
         "glider_jax mission",
         {
@@ -152,6 +166,7 @@ def mission() -> dict[str, Any]:
             "surface": many(table(rule, ("kind",))),
             "sample": many(table(sample, ("sensor_type",))),
             "aborts": table(aborts),
+            "program": many(table(program, ("when", "then"))),
         },
         ("mission",),
     )

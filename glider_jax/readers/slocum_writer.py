@@ -15,6 +15,7 @@ from glider_jax.config import Aborts, Mission, SampleRule, SurfaceRule, check_mi
 from glider_jax.errors import DataError
 from glider_jax.readers.slocum_files import to_degrees_minutes
 from glider_jax.readers.slocum_missions import FULL_PUMP_CC
+from glider_jax.readers.slocum_programs import Expressed, express
 from glider_jax.readers.slocum_surface import TYPICAL_CALL, TYPICAL_FIX
 
 #: first number of the argument files, of which 90 of a kind have room
@@ -30,10 +31,14 @@ _STATE_BITS = {"dive": 1, "hover": 2, "climb": 4, "surface": 8}
 
 @dataclass(frozen=True)
 class SlocumExport:
-    """What was written, and one sentence for everything of the mission that the files do not say."""
+    """What was written, and one sentence for everything of the mission that the files do not say.
+
+    ``expressed`` has one for every rule of the mission's program that a behaviour stands for.
+    """
 
     files: tuple[Path, ...]
     left_out: tuple[str, ...]
+    expressed: tuple[str, ...] = ()
 
 
 def write_slocum_mission(mission: Mission, directory: str | Path, *, overwrite: bool = False) -> SlocumExport:
@@ -52,7 +57,9 @@ def write_slocum_mission(mission: Mission, directory: str | Path, *, overwrite: 
     """
     check_mission(mission)
     left: list[str] = []
-    texts = _texts(mission, left)
+    program = express(mission)
+    left += program.left
+    texts = _texts(program.mission, left, program.farther) | _by_hand(program)
     root = Path(directory)
     paths = {root / name: text for name, text in texts.items()}
     there = [path for path in paths if path.exists()]
@@ -66,11 +73,27 @@ def write_slocum_mission(mission: Mission, directory: str | Path, *, overwrite: 
             part.replace(path)
     except OSError as error:
         raise DataError(f"{root}: cannot be written: {error.strerror or error}. Check the folder.") from error
-    return SlocumExport(tuple(paths), tuple(left))
+    return SlocumExport(tuple(paths), tuple(left), tuple(program.said))
 
 
-def _texts(mission: Mission, left: list[str]) -> dict[str, str]:
-    """Relative path -> content of every file."""
+def _by_hand(program: Expressed) -> dict[str, str]:
+    """The argument files that a person exchanges when a rule of the program fires, by their path."""
+    files = {}
+    for folder, (mission, kinds, words) in program.by_hand.items():
+        stems = tuple(kind[:6] for kind in kinds)
+        for name, text in _texts(mission, [], []).items():
+            file = name.rsplit("/", 1)[-1]
+            if file.startswith(stems):
+                files[f"{folder}/{file}"] = text.replace("# made by glider_jax", f"# {_ascii(words)}", 1)
+    return files
+
+
+def _ascii(text: str) -> str:
+    return text.encode("ascii", "replace").decode()
+
+
+def _texts(mission: Mission, left: list[str], farther: list[float]) -> dict[str, str]:
+    """Relative path -> content of every file; ``farther`` m are distances from the waypoint beyond which to come up."""
     name = re.sub(r"[^A-Za-z0-9_]", "", mission.name)[:8] or "mission"
     if name != mission.name:
         left.append(f"name: '{mission.name}' shortened to '{name}', the glider takes eight letters")
@@ -84,6 +107,10 @@ def _texts(mission: Mission, left: list[str]) -> dict[str, str]:
     for number, rule in enumerate(mission.surface, FIRST_FILE):
         mi += ["behavior: surface", _arg("args_from_file", "enum", number), _arg("start_when", "enum", _code(rule)), ""]
         files[f"mafiles/surfac{number:02d}.ma"] = _ma("surface", _surface(rule, mission, left))
+    for number, distance in enumerate(farther, FIRST_FILE + len(mission.surface)):
+        mi += ["behavior: surface", _arg("args_from_file", "enum", number), _arg("start_when", "enum", 15), ""]
+        lines = _surface(SurfaceRule("waypoint_distance", distance=distance, name="farther"), mission, left)
+        files[f"mafiles/surfac{number:02d}.ma"] = _ma("surface", lines)
     mi += ["behavior: goto_list", _arg("args_from_file", "enum", FIRST_FILE), ""]
     files[f"mafiles/goto_l{FIRST_FILE}.ma"] = _ma("goto_list", _goto(mission, left), _waypoints(mission))
     mi += ["behavior: yo", _arg("args_from_file", "enum", FIRST_FILE), ""]
