@@ -13,7 +13,7 @@ from typing import Any
 
 from glider_jax.errors import DataError, did_you_mean
 
-_SUFFIXES = (".nc", ".toml", ".json", ".mi", ".ma", ".npz")
+_SUFFIXES = (".nc", ".toml", ".json", ".mi", ".ma", ".npz", ".js", ".css")
 
 
 def folder() -> Path:

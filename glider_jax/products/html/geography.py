@@ -70,27 +70,26 @@ def bathymetry_layers(grid: BathymetryGrid, limits: chart.Limits) -> dict[str, A
     tolerance = 0.12 * float(np.median(np.diff(latitude)))
     deepest, sea = float(depth.max()), depth[depth > 0]
     levels = chart.depth_levels(float(np.ma.median(sea)), deepest) if sea.count() else np.empty(0)
-    layers: dict[str, Any] = {
-        "bands": [_filled(generator, low, 1e6, tolerance) for low in (0.0, *levels)],
-        "contours": [],
-    }
+    layers: dict[str, Any] = {"bands": [_filled(generator, 0.0, 1e6, tolerance)], "contours": []}
     for level in levels:
-        lines = [simplify_open(line, tolerance) for line in generator.lines(float(level)) if len(line) > 3]
-        if lines:
-            longest = max(lines, key=len)
-            middle = longest[len(longest) // 2]
-            layers["contours"].append(
-                {
-                    "depth": f"{level:g}",
-                    "lines": [encode(line[:, 0], line[:, 1]) for line in lines],
-                    "labels": [[round(float(middle[1]), 5), round(float(middle[0]), 5)]],
-                }
-            )
+        lines = [_thinned(line, tolerance) for line in generator.lines(float(level)) if len(line) > 3]
+        if not lines:
+            continue
+        layers["bands"].append(_filled(generator, float(level), 1e6, tolerance))
+        longest = max(lines, key=len)
+        middle = longest[len(longest) // 2]
+        layers["contours"].append(
+            {
+                "depth": f"{level:g}",
+                "lines": [encode(line[:, 0], line[:, 1]) for line in lines],
+                "labels": [[round(float(middle[1]), 5), round(float(middle[0]), 5)]],
+            }
+        )
     if float(depth.min()) < 0.0:
         layers["land"] = _filled(generator, -1e6, 0.0, tolerance)
         layers["shore"] = [
             encode(line[:, 0], line[:, 1])
-            for line in (simplify_open(line, tolerance) for line in generator.lines(0.0))
+            for line in (_thinned(line, tolerance) for line in generator.lines(0.0))
             if len(line) > 1
         ]
     return layers
@@ -106,7 +105,7 @@ def _filled(generator, low: float, high: float, tolerance: float) -> list[list[l
     return found
 
 
-def simplify_open(line: Array, tolerance: float) -> Array:
+def _thinned(line: Array, tolerance: float) -> Array:
     """A line with fewer points, its ends kept; see ``regions.simplify``."""
     closed = len(line) > 3 and np.array_equal(line[0], line[-1])
     return simplify(line, tolerance) if closed else thin(line, (0, len(line) - 1), tolerance)

@@ -85,7 +85,8 @@ def _battery_box(summary: Mapping[str, Any]) -> tuple[str, str, str]:
 def surfacings(summary: Mapping[str, Any]) -> Safe:
     """The next surfacings with times, places in both notations, regions and reasons."""
     rows = []
-    for entry in summary["surfacings"]:
+    # The first is told by the live forecast, which knows that it has not come yet.
+    for entry in summary["surfacings"][1 if summary.get("next") else 0 :]:
         place, time = entry["place"], entry["time"]
         if place is None or time["median"] is None:
             continue
@@ -99,7 +100,7 @@ def surfacings(summary: Mapping[str, Any]) -> Safe:
             )
         )  # fmt: skip
     if not rows:
-        return paragraph("No surfacing falls within the forecast.")
+        return Safe("") if summary.get("next") else paragraph("No surfacing falls within the forecast.")
     head = ("", "median", "90 % interval", "degrees and minutes", "decimal degrees", "50 % region", "90 % region",
             "probability", "reason")  # fmt: skip
     return table(head, rows, caption="Medians of the members; the probability is that it happens within the forecast.",
@@ -127,7 +128,7 @@ def next_fix(live: Mapping[str, Any]) -> Safe:
          f"from {live['current']['observations']} dives"),
         ("speed through the water", f"{100 * live['speed_through_water']:.0f} cm/s"),
     ]  # fmt: skip
-    return Safe("<h3>Next first fix</h3>" + table(("", ""), rows) + "<h3>And those after it</h3>")
+    return Safe("<h3>Next first fix</h3>" + table(("", ""), rows) + "<h3>Those after it</h3>")
 
 
 def waypoints(summary: Mapping[str, Any]) -> Safe:
@@ -182,7 +183,9 @@ def battery(summary: Mapping[str, Any]) -> Safe:
         ("charge left", "within forecast", "median", "90 % interval"), rows,
         caption=f"Beyond the forecast {entry['extrapolation']}.", right=(1,), tight=True,
     )  # fmt: skip
-    return Safe(f'<div class="pair">{drawn}<div>{levels}{_rates(summary)}{_outlook(summary)}</div></div>')
+    # Dates of a live forecast are those of its outlook, which counts from the charge that is left.
+    told = _outlook(summary) or levels
+    return Safe(f'<div class="pair">{drawn}<div>{told}{_rates(summary)}</div></div>')
 
 
 def _dates(level: Mapping[str, Any]) -> tuple[str, str]:
