@@ -105,6 +105,8 @@ def fit(
     if as_json:
         extra = {
             "current_over_counter_less_one": _finite(result.counter[0]),
+            "board_against_counter": result.check.as_dict() if result.check else None,
+            "servos_w": _finite(result.servos),
             "files": [str(path) for path in written],
         }
         typer.echo(json.dumps(model_dict(model) | extra))
@@ -118,6 +120,10 @@ def fit(
     if _finite(result.counter[0]) is not None:
         ratio = f"{100 * result.counter[0]:+.2f} +- {100 * result.counter[1]:.2f} %"
         typer.echo(f"integrated current against the coulomb counter: {ratio}")
+    if result.check is not None:
+        typer.echo(result.check.sentence())
+    if _finite(result.servos) is not None:
+        typer.echo(f"pitch and fin servos: {result.servos:.3f} W on average, not in the hotel load")
     for path in written:
         typer.echo(f"wrote {path}", err=True)
 

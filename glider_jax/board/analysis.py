@@ -9,24 +9,31 @@ from typing import Any
 import numpy as np
 
 from glider_jax.board.calibration import Calibration
+from glider_jax.board.counter import COUNTER_SD, CounterCheck, against_counter
 from glider_jax.board.events import Event, GliderRecord, counter_ratio, events_from_glider, glider_record
 from glider_jax.board.fits import EnergyModel, Gains, board_gains, fit_energy
 from glider_jax.board.motors import board_levels, events_from_board
 from glider_jax.board.record import BoardRecord
-from glider_jax.board.steady import steady_levels
-from glider_jax.errors import FitError
+from glider_jax.board.steady import Level, steady_levels
+from glider_jax.errors import DataError, FitError
 from glider_jax.records import Recording
 
 
 @dataclass(frozen=True)
 class Analysis:
-    """Events, the model fitted to them, and the record they were found in; ``counter`` as
-    ``counter_ratio`` gives it."""
+    """Events, the model fitted to them, and the record they were found in.
+
+    ``counter`` compares the glider's current with its own counter, as ``counter_ratio`` gives it; ``check`` compares a
+    board with that counter. ``servos`` W is what pitch and fin drew on average in board samples, which ``hotel`` does
+    not contain.
+    """
 
     model: EnergyModel
     events: tuple[Event, ...]
     glider: GliderRecord | None
     counter: tuple[float, float] = (float("nan"), float("nan"))
+    check: CounterCheck | None = None
+    servos: float = float("nan")
 
 
 def join_records(records: Sequence[GliderRecord]) -> GliderRecord:
@@ -79,6 +86,9 @@ def analyse_board(
 ) -> Analysis:
     """Fit an energy model to board samples, with depth, voltage and volume from the glider's record.
 
+    Where the glider recorded its coulomb counter, the board is compared with it, and the steady load is taken from the
+    one that knows it better: the zero of the board's main sensor is often worth more than the load.
+
     Parameters
     ----------
     voltage : V, where the glider recorded none.
@@ -86,18 +96,67 @@ def analyse_board(
     """
     events = events_from_board(record, glider, calibration, voltage)
     levels, zero = board_levels(record, glider, calibration)
-    model = fit_energy(events, levels, record.name, board_gains(zero, bench), brake_separate=True)
-    warnings = list(model.warnings)
+    warnings: list[str] = []
+    gains = board_gains(zero, bench)
+    check = against_counter(record, glider, calibration)
+    if check is not None and not check.agrees:
+        warnings.append(
+            f"{check.sentence()}: more than twice what gain and zero allow. Check the calibration."
+        )
+    levels, gains = _steady_load(levels, gains, glider, events, warnings)
+    model = fit_energy(events, levels, record.name, gains, brake_separate=True)
     lost = sum(not event.complete for event in events)
     if lost:
         warnings.append(f"{lost} events have samples missing and were left out of the fits.")
     hotel = next((level for level in levels if level.phase == "submerged"), None)
-    if hotel is not None and zero > 0.1 * hotel.mean:
+    if hotel is not None and gains.main_zero > 0.1 * hotel.mean:
         warnings.append(
             f"hotel: the zero of the main sensor leaves {zero:.2f} W of {hotel.mean:.2f} W open. Measure its zero "
-            "on the bench, or take the steady load from the glider's coulomb counter."
+            "on the bench, or give a recording with the glider's coulomb counter."
         )
-    return Analysis(replace(model, warnings=tuple(warnings)), tuple(events), glider)
+    model = replace(model, warnings=(*model.warnings, *warnings))
+    return Analysis(model, tuple(events), glider, counter_ratio(glider), check, _servo_power(record, events))
+
+
+def _steady_load(
+    levels: list[Level], gains: Gains, glider: GliderRecord, events: list[Event], warnings: list[str]
+) -> tuple[list[Level], Gains]:
+    """Steady load from the board or from the glider's counter, whichever knows it better."""
+    if glider.current is None:
+        return levels, gains
+    try:
+        counted = steady_levels(glider, motors=events)
+    except DataError as error:
+        warnings.append(f"steady load: the glider's own current is of no use: {error}")
+        return levels, gains
+    own = next((level for level in levels if level.phase == "submerged"), None)
+    other = next((level for level in counted if level.phase == "submerged"), None)
+    if other is None:
+        return levels, gains
+    if own is not None:
+        sd_own = np.sqrt(own.mean_sd**2 + (gains.main * own.mean) ** 2 + gains.main_zero**2)
+        sd_other = np.hypot(other.mean_sd, COUNTER_SD * other.mean)
+        if abs(own.mean - other.mean) > 3.0 * np.hypot(sd_own, sd_other):
+            warnings.append(
+                f"steady load: board {own.mean:.2f} +- {sd_own:.2f} W, coulomb counter {other.mean:.2f} +- "
+                f"{sd_other:.2f} W; they differ by more than their uncertainty."
+            )
+        if sd_own <= sd_other:
+            return levels, gains
+    text = (
+        f"{gains.source}; steady load from the glider's coulomb counter, {100 * COUNTER_SD:g} % (judgement)"
+    )
+    return counted, replace(gains, main=COUNTER_SD, main_zero=0.0, source=text)
+
+
+def _servo_power(record: BoardRecord, events: list[Event]) -> float:
+    """Mean power of pitch and fin over the samples of their channels, W."""
+    power = 0.0
+    for kind in ("pitch", "fin"):
+        own = record.only(kind)
+        seconds = len(own.tick) * own.spacing
+        power += sum(abs(event.energy) for event in events if event.kind == kind) / max(seconds, own.spacing)
+    return power
 
 
 def events_table(events: Sequence[Event]) -> list[dict[str, Any]]:

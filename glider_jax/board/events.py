@@ -213,7 +213,7 @@ def events_from_glider(record: GliderRecord, least_volume: float = 20e-6) -> lis
     runs = _stroke_runs(record)
     for begin, end in runs:
         quiet[max(begin - 1, 0) : end + _LAG_CYCLES] = False
-    counter = _counter_step(record.charge)
+    counter = counter_step(record.charge)
     events = []
     for begin, end in runs:
         first, last = begin - 1, end - 1 + _LAG_CYCLES
@@ -271,7 +271,7 @@ def events_from_glider(record: GliderRecord, least_volume: float = 20e-6) -> lis
     return events
 
 
-def _counter_step(charge: NDArray[np.float64] | None) -> float:
+def counter_step(charge: NDArray[np.float64] | None) -> float:
     """Size of one count of a charge counter, C; 0 where there is none."""
     if charge is None:
         return 0.0
@@ -303,7 +303,7 @@ def counter_ratio(record: GliderRecord) -> tuple[float, float]:
         number += 1
     if counted <= 0:
         return float("nan"), float("nan")
-    return integral / counted - 1.0, _counter_step(record.charge) * (number / 6) ** 0.5 / counted
+    return integral / counted - 1.0, counter_step(record.charge) * (number / 6) ** 0.5 / counted
 
 
 def pair_inflections(events: list[Event], within: float = 20.0) -> list[Event]:

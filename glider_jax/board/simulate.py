@@ -28,7 +28,8 @@ class Plan:
     ``volume`` m3 per
     stroke, ``speed`` vertical m s-1, ``voltage`` open-circuit V at the start, ``sag`` V per day,
     ``resistance`` ohm.
-    ``voltage_gain_sd`` relative error of the voltage that the glider records, drawn once.
+    ``voltage_gain_sd`` and ``counter_gain_sd`` relative errors of the voltage and current that the glider records,
+    drawn once; ``counter_step`` C of its charge counter.
     """
 
     depths: tuple[float, ...] = tuple(np.linspace(12.0, 95.0, 24))
@@ -50,6 +51,8 @@ class Plan:
     channels: int = 8
     cycle: float = 4.5
     voltage_gain_sd: float = 0.003
+    counter_gain_sd: float = 0.02
+    counter_step: float = 4.29
 
 
 @dataclass(frozen=True)
@@ -131,7 +134,8 @@ def simulate(plan: Plan, seed: int = 0, stated: Calibration | None = None) -> Fl
     depth = np.interp(time, corner_time, corner_depth)
     open_circuit = plan.voltage - plan.sag * time / 86_400.0
     steady = plan.hotel + np.where(depth < 1.5, plan.surface, 0.0)
-    load = steady / open_circuit
+    # The current at which the sagging voltage gives the power.
+    load = 2.0 * steady / (open_circuit + np.sqrt(open_circuit**2 - 4.0 * plan.resistance * steady))
     motors = {name: np.zeros(ticks, dtype=np.float32) for name in ("pump", "brake", "pitch", "fin")}
     volume = np.zeros(ticks, dtype=np.float32)
     position = 0.5 * plan.volume
@@ -205,6 +209,9 @@ def simulate(plan: Plan, seed: int = 0, stated: Calibration | None = None) -> Fl
         moving=np.abs(motors["pump"])[rows] > 0.02,
         name="simulated",
     )
+    counted = glider.current * (1.0 + rng.normal(0.0, plan.counter_gain_sd))
+    charge = np.cumsum(counted * np.diff(glider.time, prepend=glider.time[0]))
+    glider = replace(glider, current=counted, charge=np.floor(charge / plan.counter_step) * plan.counter_step)
     truth = {
         "energy.pump_dive_to_climb.intercept": plan.intercept,
         "energy.pump_dive_to_climb.slope": plan.slope,

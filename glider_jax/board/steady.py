@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from glider_jax.board.events import _LAG_CYCLES, GliderRecord, _stroke_runs
+from glider_jax.board.events import _LAG_CYCLES, Event, GliderRecord, _stroke_runs
 from glider_jax.errors import DataError
 
 AT_SURFACE_DEPTH = 1.5
@@ -104,13 +106,24 @@ def _level(
     )
 
 
-def steady_levels(record: GliderRecord, least_seconds: float = 60.0) -> list[Level]:
+def _settled(labels: NDArray[Any]) -> NDArray[np.bool_]:
+    """Rows whose label has held for as many cycles as the recorded current may trail."""
+    out = np.ones(labels.size, dtype=bool)
+    for lag in range(1, _LAG_CYCLES):
+        out[lag:] &= labels[lag:] == labels[:-lag]
+    return out
+
+
+def steady_levels(
+    record: GliderRecord, least_seconds: float = 60.0, motors: Sequence[Event] = ()
+) -> list[Level]:
     """Levels of the whole vehicle's load in cycles during which, and about which, the pump rests.
 
     Parameters
     ----------
     record : with a current of the whole vehicle.
     least_seconds : states seen for less are left out.
+    motors : events of a board on the same vehicle; cycles in which any motor ran are then left out as well.
 
     Raises
     ------
@@ -124,6 +137,10 @@ def steady_levels(record: GliderRecord, least_seconds: float = 60.0) -> list[Lev
     if record.moving is not None or record.volume is not None:
         for begin, end in _stroke_runs(record):
             quiet[max(begin - 1, 0) : end + _LAG_CYCLES] = False
+    for event in motors:
+        # A row carries the mean of the cycle that ends at it, and trails by some cycles.
+        begin, end = np.searchsorted(record.time, [event.time, event.time + event.duration])
+        quiet[begin : end + _LAG_CYCLES] = False
     step = np.diff(record.time, prepend=record.time[0])
     quiet &= (step > 0) & (step < 3.0 * np.median(step))
     phase = phases(record.time, record.depth)
@@ -133,17 +150,19 @@ def steady_levels(record: GliderRecord, least_seconds: float = 60.0) -> list[Lev
         )
     power = record.current * record.voltage
     states = state_names(record, record.time)
+    below = _settled(np.where(phase == "surface", "surface", "submerged"))
+    settled = _settled(phase)
     out = []
     for chosen, rows in [
-        ("submerged", quiet & ((phase == "dive") | (phase == "climb"))),
-        *((name, quiet & (phase == name)) for name in ("dive", "climb", "surface")),
+        ("submerged", quiet & below & ((phase == "dive") | (phase == "climb"))),
+        *((name, quiet & settled & (phase == name)) for name in ("dive", "climb", "surface")),
     ]:
         if step[rows].sum() >= least_seconds:
             out.append(_level(chosen, "", record, power, step, rows))
         if chosen == "submerged":
             continue
         for state in sorted(set(states[rows])):
-            some = rows & (states == state)
+            some = rows & (states == state) & _settled(states)
             if state and step[some].sum() >= least_seconds:
                 out.append(_level(chosen, state, record, power, step, some))
     return out

@@ -105,7 +105,7 @@ class TestBadInput:
         assert code == 1 and "no such device" in err and "Traceback" not in err
 
     def test_busy_port(self, run, tmp_path):
-        from glider_jax.board.capture import open_port
+        from glider_jax.board.port import open_port
 
         line = PtyLine(tmp_path / "tty")
         line.plug()
@@ -210,22 +210,39 @@ def test_energy_of_a_board_log_beside_the_gliders_recording(run, tmp_path):
     flight = simulate(Plan(depths=(12.0, 25.0, 40.0, 30.0)), 5)
     (tmp_path / "board.bin").write_bytes(flight.encode())
     g = flight.glider
-    xr.Dataset(
-        {
-            "m_depth": ("time", g.depth),
-            "m_battery": ("time", g.voltage),
-            "m_ballast_pumped": ("time", 1e6 * g.volume),
-            "m_pressure": ("time", g.depth / 10),
-        },
-        coords={"time": ("time", g.time, {"units": "seconds since 1970-01-01T00:00:00Z"})},
-    ).to_netcdf(tmp_path / "glider.nc")
+    columns = {
+        "m_depth": ("time", g.depth),
+        "m_battery": ("time", g.voltage),
+        "m_ballast_pumped": ("time", 1e6 * g.volume),
+        "m_pressure": ("time", g.depth / 10),
+    }
+    coords = {"time": ("time", g.time, {"units": "seconds since 1970-01-01T00:00:00Z"})}
+    xr.Dataset(columns, coords).to_netcdf(tmp_path / "glider.nc")
     code, out, err = run("energy", "fit", "glider.nc", "--board", "board.bin", "--out", "o", "--json")
     assert code == 0, err
     result = json.loads(out)
     slope = result["quantities"][SLOPE]
     assert abs(slope["value"] - 6.0) < 3 * slope["sigma"] and slope["sigma"] < 0.6
     assert not result["brake_included_in_pump"] and "zero of the main sensor" in err
+    assert result["board_against_counter"] is None and 0.02 < result["servos_w"] < 0.2
     assert (tmp_path / "o" / "vehicle.toml").exists()
+
+    columns |= {
+        "m_coulomb_current": ("time", g.current),
+        "m_coulomb_amphr": ("time", g.charge / 3600.0),
+        "m_coulomb_amphr_total": ("time", 10.0 + g.charge / 3600.0),
+    }
+    xr.Dataset(columns, coords).to_netcdf(tmp_path / "counted.nc")
+    code, out, err = run("energy", "fit", "counted.nc", "--board", "board.bin", "--out", "c", "--json")
+    assert code == 0, err
+    merged = json.loads(out)
+    assert merged["quantities"][SLOPE] == slope and "zero of the main sensor" not in err
+    hotel = merged["quantities"]["energy.hotel"]
+    assert abs(hotel["value"] - 1.6) < 3 * hotel["sigma"] and hotel["sigma"] < 0.05
+    check = merged["board_against_counter"]
+    assert check["against"] == "coulomb counter" and abs(check["gain_less_one"]) < 0.08
+    code, out, err = run("energy", "fit", "counted.nc", "--board", "board.bin", "--out", "c")
+    assert code == 0 and "board against coulomb counter: " in out and "pitch and fin servos" in out, err
 
 
 def test_help_starts_without_heavy_imports():
