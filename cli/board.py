@@ -321,16 +321,12 @@ def plot(
     out: Out = Path("."),
 ) -> None:
     """Draw the current of each channel against time."""
-    from glider_jax.board.plots import plot_currents
-    from glider_jax.board.record import NOT_SAMPLED, read_log
+    from glider_jax.board.plots import plot_board
+    from glider_jax.board.record import read_log
 
     record = read_log(log)
     chosen = _calibration(calibration, record)
-    time = record.utc(slice(None))
-    counts = {name: record.counts[:, record.column(name)] for name in channels or record.channels}
-    currents = {name: chosen.amperes(name, values).value for name, values in counts.items()}
-    sampled = {name: values != NOT_SAMPLED for name, values in counts.items()} if record.mixed else None
-    path = plot_currents(out / "currents.png", time, currents, title=record.name, sampled=sampled)
+    path = plot_board(out / "currents.png", record, chosen, channels=tuple(channels or record.channels))
     typer.echo(f"wrote {path}")
 
 

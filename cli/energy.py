@@ -9,6 +9,8 @@ import typer
 
 if TYPE_CHECKING:
     from glider_jax.board.analysis import Analysis
+    from glider_jax.board.calibration import Calibration
+    from glider_jax.board.record import BoardRecord
 
 app = typer.Typer(no_args_is_help=True, help="Energy models from recordings and board logs.")
 
@@ -37,7 +39,7 @@ def _analyse(
     calibration: Path | None,
     cache: Path | None,
     voltage: float | None,
-) -> tuple[Analysis, dict[str, str]]:
+) -> tuple[Analysis, dict[str, str], tuple[BoardRecord, Calibration] | None]:
     from glider_jax.board.analysis import analyse_board, analyse_recordings, join_records
     from glider_jax.board.calibration import nominal, read_calibration
     from glider_jax.board.events import glider_record
@@ -51,14 +53,14 @@ def _analyse(
             typer.echo(f"{one.name}: {repair.count} {repair.kind}", err=True)
     files = {Path(path).name: digest for one in read for path, digest in one.source.files.items()}
     if board is None:
-        return analyse_recordings(read), files
+        return analyse_recordings(read), files, None
     record = read_log(board)
     if board.is_file():
         files[board.name] = Source.digest(board)
     record.clock.require_steady(record.name)
     chosen = read_calibration(calibration) if calibration else nominal(record.channels)
     glider = join_records([glider_record(one, need_current=False) for one in read])
-    return analyse_board(record, glider, chosen, voltage), files
+    return analyse_board(record, glider, chosen, voltage), files, (record, chosen)
 
 
 @app.command()
@@ -87,18 +89,20 @@ def fit(
     from glider_jax.board.fits import UNITS
     from glider_jax.board.fragment import model_dict, vehicle_toml, write_atomically
 
-    result, files = _analyse(recordings, board, calibration, cache, voltage_v)
+    result, files, measured = _analyse(recordings, board, calibration, cache, voltage_v)
     model = result.model
     target = out if out.suffix == ".toml" else out / "vehicle.toml"
     write_atomically(target, vehicle_toml(model, files, name))
     written = [target]
     if plots:
-        from glider_jax.board.plots import plot_currents, plot_energy
+        from glider_jax.board.plots import plot_board, plot_currents, plot_energy
 
         written.append(plot_energy(target.with_name(f"{target.stem}-energy.png"), model, result.events))
+        path = target.with_name(f"{target.stem}-currents.png")
         glider = result.glider
-        if glider is not None and glider.current is not None:
-            path = target.with_name(f"{target.stem}-currents.png")
+        if measured is not None:
+            written.append(plot_board(path, *measured, glider))
+        elif glider is not None and glider.current is not None:
             written.append(plot_currents(path, glider.time, {"vehicle": glider.current}, glider, model.name))
     for sentence in model.warnings:
         typer.echo(f"warning: {sentence}", err=True)
@@ -113,6 +117,12 @@ def fit(
         return
     for key, e in model.estimates.items():
         typer.echo(f"{key:42s} {e.value:10.3f} +- {e.interval():.3f} {UNITS[key]:6s} (95 %)  {e.source}")
+    for level in model.levels:
+        phase = f"{level.phase}, {level.state.replace('+', ' and ')}" if level.state else level.phase
+        typer.echo(
+            f"steady load {phase:40s} {level.mean:6.2f} +- {level.mean_sd:.2f} W, usually {level.median:.2f} W, "
+            f"floor {level.floor:.2f} W, {level.seconds / 3600.0:.1f} h"
+        )
     if model.pump is not None:
         forms = [f for f in (model.pump, model.other) if f is not None]
         text = ", ".join(f"{f.form} {f.held_out:.1f} J" for f in forms)
@@ -151,7 +161,7 @@ def events(
     from glider_jax.board.fragment import write_atomically
     from glider_jax.board.logfile import utc_name
 
-    result, _ = _analyse(recordings, board, calibration, cache, voltage_v)
+    result, _, _ = _analyse(recordings, board, calibration, cache, voltage_v)
     if out is not None:
         write_atomically(out / "events.csv", events_csv(result.events))
         typer.echo(f"wrote {out / 'events.csv'}", err=True)

@@ -12,8 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from glider_jax.board.calibration import Calibration
 from glider_jax.board.events import CLIMB_TO_DIVE, Event, GliderRecord
 from glider_jax.board.fits import CLIMB, EnergyModel
+from glider_jax.board.record import NOT_SAMPLED, BoardRecord
 
 if TYPE_CHECKING:
     from glider_jax.board.checks import BenchResult, WiggleResult
@@ -134,6 +136,26 @@ def plot_currents(
     return _save(figure, path)
 
 
+def plot_board(
+    path: str | Path,
+    record: BoardRecord,
+    calibration: Calibration,
+    glider: GliderRecord | None = None,
+    channels: tuple[str, ...] | None = None,
+) -> Path:
+    """Currents of a board's channels, each at its own rate, with the glider's depth.
+
+    Parameters
+    ----------
+    channels : all that tell of motors and the whole by default.
+    """
+    names = channels or tuple(n for n in record.channels if n not in ("external", "emergency"))
+    counts = {name: record.counts[:, record.column(name)] for name in names}
+    currents = {name: calibration.amperes(name, values).value for name, values in counts.items()}
+    sampled = {name: values != NOT_SAMPLED for name, values in counts.items()} if record.mixed else None
+    return plot_currents(path, record.utc(slice(None)), currents, glider, record.name, sampled)
+
+
 def plot_energy(path: str | Path, model: EnergyModel, events: Sequence[Event], level: float = 0.95) -> Path:
     """Energy of pump strokes against depth, with the fit, the interval of its mean and that of single
     strokes."""
@@ -163,12 +185,15 @@ def plot_energy(path: str | Path, model: EnergyModel, events: Sequence[Event], l
         low, high = min(0.0, pump.depths[0]), 1.05 * pump.depths[1]
         z = np.linspace(low, high, 200)
         mean = pump.predict(z)
+        text = f"{pump.theta[0]:.0f} J + {pump.theta[1]:.2f} J/m · depth"
+        seen = np.array(pump.depths)
+        axis.plot(z, mean, color=_BLUE, linewidth=0.9, linestyle=(0, (4, 3)))
         axis.plot(
-            z,
-            mean,
+            seen,
+            pump.predict(seen),
             color=_BLUE,
-            linewidth=1.2,
-            label=f"{pump.theta[0]:.0f} J + {pump.theta[1]:.2f} J/m · depth",
+            linewidth=1.6,
+            label=f"{text}\n(dashed: beyond the strokes)",
         )
         half, single = pump.interval(z, level), pump.interval(z, level, single=True)
         percent = f"{100 * level:.0f} %"

@@ -29,7 +29,7 @@ class Plan:
     stroke, ``speed`` vertical m s-1, ``voltage`` open-circuit V at the start, ``sag`` V per day,
     ``resistance`` ohm.
     ``voltage_gain_sd`` and ``counter_gain_sd`` relative errors of the voltage and current that the glider records,
-    drawn once; ``counter_step`` C of its charge counter.
+    drawn once; ``counter_step`` C of its charge counter, ``current_noise`` A of single recorded currents.
     """
 
     depths: tuple[float, ...] = tuple(np.linspace(12.0, 95.0, 24))
@@ -53,6 +53,7 @@ class Plan:
     voltage_gain_sd: float = 0.003
     counter_gain_sd: float = 0.02
     counter_step: float = 4.29
+    current_noise: float = 0.003
 
 
 @dataclass(frozen=True)
@@ -211,7 +212,8 @@ def simulate(plan: Plan, seed: int = 0, stated: Calibration | None = None) -> Fl
     )
     counted = glider.current * (1.0 + rng.normal(0.0, plan.counter_gain_sd))
     charge = np.cumsum(counted * np.diff(glider.time, prepend=glider.time[0]))
-    glider = replace(glider, current=counted, charge=np.floor(charge / plan.counter_step) * plan.counter_step)
+    recorded = counted + rng.normal(0.0, plan.current_noise, counted.size)
+    glider = replace(glider, current=recorded, charge=np.floor(charge / plan.counter_step) * plan.counter_step)
     truth = {
         "energy.pump_dive_to_climb.intercept": plan.intercept,
         "energy.pump_dive_to_climb.slope": plan.slope,
