@@ -21,7 +21,10 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
     help="Forecast where a Slocum glider surfaces and how its battery drains, with honest uncertainty.",
-    epilog="Start with: glider-forecast ensemble --n 5000",
+    epilog="Most used:\n\n"
+    "glider-forecast ensemble --n 5000 --html\n\n"
+    "glider-forecast next --dialog unit.log --mission missions --recording from-glider\n\n"
+    "Every command has --help with examples; --install-completion teaches the shell to complete them.",
 )
 
 
@@ -46,33 +49,41 @@ class _State:
     debug = False
 
 
+_BEFORE, _DURING, _AFTER, _BOARD, _HOUSE = (
+    "Before a mission", "During a mission", "After a mission", "Measuring energy and speed", "The tool itself",
+)  # fmt: skip
+#: Name, module, function, panel of the tour, purpose in one line of at most 60 characters.
 _COMMANDS = (
-    ("ensemble", "ensemble", "ensemble"),
-    ("next", "next", "next_surfacing"),
-    ("hindcast", "hindcast", "hindcast"),
-    ("scores", "scores", "scores"),
-    ("diagnose", "diagnose", "diagnose"),
-    ("prove", "prove", "prove"),
-    ("validate", "validate", "validate"),
-    ("plan", "plan", "plan"),
-    ("recording", "recording", "recording"),
-    ("dialog", "dialog", "dialog"),
-    ("terms", "terms", "terms"),
+    ("ensemble", "ensemble", "ensemble", _BEFORE, "Where it surfaces and how its battery drains: the main job"),
+    ("plan", "plan", "plan", _BEFORE, "Weigh pitch, depths, sensing and packs; recommend one"),
+    ("next", "next", "next_surfacing", _DURING, "When and where it surfaces next, from what was heard"),
+    ("dialog", "dialog", "dialog", _DURING, "What a surface dialog says, and how old each part is"),
+    ("scores", "scores", "scores", _DURING, "How good the forecasts frozen by 'next' were"),
+    ("hindcast", "hindcast", "hindcast", _AFTER, "Forecast every surfacing of a recording again and score"),
+    ("recording", "recording", "recording", _AFTER, "What a recording holds, and what was repaired"),
+    ("diagnose", "diagnose", "diagnose", _AFTER, "Which physics the forecast left out"),
+    ("terms", "terms", "terms", _HOUSE, "The physics: equations, parameters, sources"),
+    ("validate", "validate", "validate", _HOUSE, "Fly the published simulations of 2010 again"),
+    ("prove", "prove", "prove", _HOUSE, "Test the diagnosis on concealed effects"),
+    ("doctor", "doctor", "doctor", _HOUSE, "Check the installation and say what to mend"),
 )
 _GROUPS = (
-    ("board", "board", "Decode, capture and check the current-measurement board."),
-    ("mission", "mission", "Check a mission and its program; write it as Slocum files."),
-    ("energy", "energy", "Fit energy models to board logs and recordings."),
-    ("speeds", "speeds", "Fit speed distributions to recordings."),
+    ("mission", "mission", _BEFORE, "Check a mission and its program; write it as Slocum files"),
+    ("data", "data", _BEFORE, "List and fetch public currents, seafloor and recordings"),
+    ("board", "board", _BOARD, "Decode, capture and check the current-measurement board"),
+    ("energy", "energy", _BOARD, "Fit energy models to board logs and recordings"),
+    ("speeds", "speeds", _BOARD, "Fit speed distributions to recordings"),
 )
 
 
 def register() -> None:
     """Add every command; each module imports what it needs inside its functions."""
-    for name, module, function in _COMMANDS:
-        app.command(name)(getattr(import_module(f"glider_jax_cli.{module}"), function))
-    for name, module, text in _GROUPS:
-        app.add_typer(import_module(f"glider_jax_cli.{module}").app, name=name, help=text)
+    for name, module, function, panel, purpose in _COMMANDS:
+        command = getattr(import_module(f"glider_jax_cli.{module}"), function)
+        app.command(name, short_help=purpose, rich_help_panel=panel)(command)
+    for name, module, panel, purpose in _GROUPS:
+        group = import_module(f"glider_jax_cli.{module}").app
+        app.add_typer(group, name=name, help=f"{purpose}.", short_help=purpose, rich_help_panel=panel)
 
 
 register()

@@ -21,7 +21,8 @@ from glider_jax.products.atomic import write_text
 from glider_jax.products.wording import one_line
 from glider_jax_data import folder
 
-_ASSETS = ("leaflet/leaflet.js", "leaflet/leaflet.css", "leaflet/LICENSE", "report.css", "report.js")
+#: What a page is put together from.
+ASSETS = ("leaflet/leaflet.js", "leaflet/leaflet.css", "leaflet/LICENSE", "report.css", "report.js")
 _LONGEST = 4000
 
 
