@@ -14,7 +14,9 @@ def prove(
     seed: Annotated[
         int | None, typer.Option(help="Seed of the truths; left out, it is drawn and told.")
     ] = None,
-    set: Annotated[str | None, typer.Option(help="Only one set: null, single, pair, out or real.")] = None,
+    set: Annotated[
+        str | None, typer.Option(help="Only one set: null, single, pair, out, real, or real-proofs.")
+    ] = None,
     jobs: Annotated[int, typer.Option(min=1, help="Cases diagnosed at the same time.")] = 1,
     further: Annotated[bool, typer.Option(help="Conceal effects beyond the published list too.")] = False,
     ablation: Annotated[
@@ -25,7 +27,9 @@ def prove(
         bool, typer.Option(help="Diagnose again with the truth given, for the relative gain.")
     ] = True,
     keep: Annotated[bool, typer.Option(help="Leave the files of the cases.")] = False,
-    real: Annotated[Path | None, typer.Option(help="Folder of real recordings, for the set real.")] = None,
+    real: Annotated[
+        Path | None, typer.Option(help="Folder of real recordings, for the sets real and real-proofs.")
+    ] = None,
     seal_only: Annotated[bool, typer.Option(help="Write the hashes of the truths and stop.")] = False,
     diagnosis: Annotated[str, typer.Option(help="module:function to score.", show_default=False)] = "",
     as_json: Annotated[bool, typer.Option("--json", help="Print the scores as JSON.")] = False,
@@ -33,7 +37,9 @@ def prove(
     """Conceal effects in simulated missions, diagnose them, and score what was named, with 95 % intervals.
 
     The SHA-256 of every truth is written to OUT/sealed.json before the first diagnosis. The truth is flown by a
-    simulator that shares no physics with the diagnosis.
+    simulator that shares no physics with the diagnosis. The set real-proofs conceals nothing but what a base model of a
+    real recording is not told, and sets the diagnosis beside independent numbers; without --real it runs the bundled
+    recording alone.
     """
     import json
 
@@ -43,6 +49,9 @@ def prove(
     def said(text: str) -> None:
         typer.echo(text, err=True)
 
+    if set == "real-proofs":
+        _real_proofs(out, real, as_json, said)
+        return
     if seal_only:
         protocol.seal(out, cases, seed, set, further, real)
         sealed = json.loads((out / "sealed.json").read_text(encoding="utf-8"))
@@ -71,4 +80,22 @@ def prove(
     for name, reason in report["failures"].items():
         typer.echo(f"{name} failed: {reason}", err=True)
     if report["failures"]:
+        raise typer.Exit(1)
+
+
+def _real_proofs(out: Path, real: Path | None, as_json: bool, said) -> None:
+    """Real recordings with an effect concealed; exit code 1 where a line of the table does not hold."""
+    import json
+
+    from glider_jax.diagnosis.proof import real_report
+
+    results = real_report.run(out, real, said)
+    if as_json:
+        typer.echo(json.dumps(results))
+    else:
+        typer.echo((out / "table.md").read_text(encoding="utf-8"))
+    for line in results["left_out"]:
+        said(f"left out: {line}")
+    said(f"{results['holding']} lines hold, {results['failing']} do not; {sum(results['seconds'].values()):.0f} s")
+    if results["failing"]:
         raise typer.Exit(1)

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.linalg import block_diag, cho_factor, cho_solve
 
 from glider_jax.diagnosis.candidates import UNKNOWN_FLOW
+from glider_jax.diagnosis.schema import summary_of
 from glider_jax.inference.noise import CourseNoise
 from glider_jax.physics.library import TERMS_BY_ID
 from glider_jax.physics.term import declared
@@ -28,7 +29,7 @@ WANDER, STRAY, HOURS = 0.06, 0.02, 8.0 * 3600.0
 #: nats of evidence against still water that name a flow; shares of the record after which the rest is predicted.
 ENOUGH = 4.3
 SPLITS = (0.4, 0.6, 0.8)
-FEWEST = 3
+FEWEST = 2
 
 
 @dataclass(frozen=True)
@@ -87,8 +88,10 @@ def course_of(found: Finding) -> Course | None:
     flowing = np.array([linear.labels[i].term in UNKNOWN_FLOW for i in wanted])
     # The search looks twice as far as is typical; what is to be foreseen is typical.
     typical = np.where(flowing, 0.5, 1.0)
+    # Weights that the search gave to moments look at all of them; what is to be foreseen may not.
+    fresh = CourseNoise(noise.displacement, noise.drift, noise.product)
     return Course(
-        noise,
+        fresh,
         linear.raw[rows],
         linear.raw_columns[rows][:, wanted] * typical,
         tuple(unknowns[linear.labels[i].unknown].name for i in wanted),
@@ -130,7 +133,7 @@ def later(course: Course) -> list[dict[str, Any]]:
     found = []
     for share in SPLITS:
         count = int(round(share * course.moved))
-        if count < 2 or course.moved - count < 1:
+        if count < min(2, course.moved - 1) or course.moved - count < 1 or any(count == one["fitted"] for one in found):
             continue
         order = np.argsort(course.time[: course.moved])
         cut = ends[order[count - 1]]
@@ -207,6 +210,7 @@ def name_flow(found: Finding, content: dict[str, Any]) -> None:
     content["effects"].insert(0, _effect(found, told, parts))
     if content["verdict"] == "nothing_missing":
         content["verdict"] = "explained"
+    content["summary"] = summary_of(content["verdict"], content["effects"], content["unexplained"], content["warnings"])
     content["not_found"] = [entry for entry in content["not_found"] if entry["id"] != ID]
 
 

@@ -51,7 +51,7 @@ def document(found: Finding) -> dict[str, Any]:
         },
         "vehicle": {"name": found.vehicle.name, "files": found.vehicle.source.files},
         "verdict": verdict,
-        "summary": _summary(verdict, effects, unexplained, warnings),
+        "summary": summary_of(verdict, effects, unexplained, warnings),
         "warnings": warnings,
         "effects": effects,
         "unexplained": unexplained,
@@ -250,7 +250,7 @@ def size_in_words(effect: dict[str, Any]) -> str:
     return ""
 
 
-def _summary(verdict: str, effects: list, unexplained: list, warnings: list) -> str:
+def summary_of(verdict: str, effects: list, unexplained: list, warnings: list) -> str:
     if verdict == "nothing_missing":
         first = "The base model explains this recording within its stated uncertainties; nothing is missing."
     else:

@@ -34,6 +34,20 @@ def why_unknown(recording: Recording) -> str:
     return ""
 
 
+def held(vehicle: Vehicle, recording: Recording) -> Vehicle:
+    """The vehicle with flight numbers taken as exact where the buoyancy is not known.
+
+    Depth rate and pitch then fix the speed; drag that was free could take for itself what the water did.
+    """
+    if not why_unknown(recording):
+        return vehicle
+    exact = {
+        name: replace(quantity, sigma=0.0) if name.startswith("flight.") else quantity
+        for name, quantity in vehicle.quantities.items()
+    }
+    return replace(vehicle, quantities=exact)
+
+
 def from_depth_rate(rows: Rows, vehicle: Vehicle, latitude: float) -> Rows:
     """Rows whose pumped volume makes the vehicle's steady glide sink and rise as it was recorded; none is settled.
 
