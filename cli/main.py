@@ -14,6 +14,7 @@ import typer
 
 from glider_jax import __version__
 from glider_jax.errors import GliderJaxError
+from glider_jax_cli.examples import epilog
 
 app = typer.Typer(
     name="glider-forecast",
@@ -80,9 +81,11 @@ def register() -> None:
     """Add every command; each module imports what it needs inside its functions."""
     for name, module, function, panel, purpose in _COMMANDS:
         command = getattr(import_module(f"glider_jax_cli.{module}"), function)
-        app.command(name, short_help=purpose, rich_help_panel=panel)(command)
+        app.command(name, short_help=purpose, rich_help_panel=panel, epilog=epilog(name))(command)
     for name, module, panel, purpose in _GROUPS:
         group = import_module(f"glider_jax_cli.{module}").app
+        for inner in group.registered_commands:
+            inner.epilog = inner.epilog or epilog(f"{name} {inner.name or inner.callback.__name__}")
         app.add_typer(group, name=name, help=f"{purpose}.", short_help=purpose, rich_help_panel=panel)
 
 
