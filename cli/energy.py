@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -25,6 +26,18 @@ CalibrationFile = Annotated[
     Path | None, typer.Option("--calibration", help="Calibration of the board, TOML.")
 ]
 Cache = Annotated[Path | None, typer.Option("--cache", help="Folder of Slocum sensor lists (.cac).")]
+
+
+class ClockSteps(StrEnum):
+    """What to do when the board's UTC jumped against its ticks."""
+
+    refuse = "refuse"
+    keep = "keep"
+
+
+Steps = Annotated[
+    ClockSteps, typer.Option("--clock-steps", help="Refuse or keep a board log whose UTC jumped.")
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 
 
@@ -39,6 +52,7 @@ def _analyse(
     calibration: Path | None,
     cache: Path | None,
     voltage: float | None,
+    steps: ClockSteps,
 ) -> tuple[Analysis, dict[str, str], tuple[BoardRecord, Calibration] | None]:
     from glider_jax.board.analysis import analyse_board, analyse_recordings, join_records
     from glider_jax.board.calibration import nominal, read_calibration
@@ -57,7 +71,8 @@ def _analyse(
     record = read_log(board)
     if board.is_file():
         files[board.name] = Source.digest(board)
-    record.clock.require_steady(record.name)
+    if steps is ClockSteps.refuse:
+        record.clock.require_steady(record.name)
     chosen = read_calibration(calibration) if calibration else nominal(record.channels)
     glider = join_records([glider_record(one, need_current=False) for one in read])
     return analyse_board(record, glider, chosen, voltage), files, (record, chosen)
@@ -76,6 +91,7 @@ def fit(
     voltage_v: Annotated[
         float | None, typer.Option(min=1.0, help="Battery voltage where none was recorded.")
     ] = None,
+    clock_steps: Steps = ClockSteps.refuse,
     name: Annotated[str | None, typer.Option(help="Name of the vehicle in the fragment.")] = None,
     plots: Annotated[bool, typer.Option(help="Draw currents and energy beside the fragment.")] = True,
     as_json: AsJson = False,
@@ -89,7 +105,7 @@ def fit(
     from glider_jax.board.fits import UNITS
     from glider_jax.board.fragment import model_dict, vehicle_toml, write_atomically
 
-    result, files, measured = _analyse(recordings, board, calibration, cache, voltage_v)
+    result, files, measured = _analyse(recordings, board, calibration, cache, voltage_v, clock_steps)
     model = result.model
     target = out if out.suffix == ".toml" else out / "vehicle.toml"
     write_atomically(target, vehicle_toml(model, files, name))
@@ -152,6 +168,7 @@ def events(
     voltage_v: Annotated[
         float | None, typer.Option(min=1.0, help="Battery voltage where none was recorded.")
     ] = None,
+    clock_steps: Steps = ClockSteps.refuse,
     as_json: AsJson = False,
 ) -> None:
     """List pump strokes, brake and servo events with their energies."""
@@ -161,7 +178,7 @@ def events(
     from glider_jax.board.fragment import write_atomically
     from glider_jax.board.logfile import utc_name
 
-    result, _, _ = _analyse(recordings, board, calibration, cache, voltage_v)
+    result, _, _ = _analyse(recordings, board, calibration, cache, voltage_v, clock_steps)
     if out is not None:
         write_atomically(out / "events.csv", events_csv(result.events))
         typer.echo(f"wrote {out / 'events.csv'}", err=True)

@@ -58,10 +58,11 @@ def mean_of_blocks(
     """Weighted mean and its 1-sigma from the scatter of blocks of five minutes, and of whole segments
     where larger.
 
-    A load holds its level for minutes, so that single cycles are far from independent.
+    A load holds its level for minutes, so that single cycles are far from independent; they are never better than that.
     """
     mean = float(np.average(values, weights=weight))
-    sds = []
+    share = weight / weight.sum()
+    sds = [float(np.sqrt((share**2).sum() * (share * (values - mean) ** 2).sum()))]
     for label in (np.floor(time / BLOCK).astype(np.int64), segment):
         _, block = np.unique(label, return_inverse=True)
         total = np.bincount(block, weights=weight)
@@ -71,7 +72,7 @@ def mean_of_blocks(
             effective = 1.0 / (share**2).sum()
             variance = float((share * (level - mean) ** 2).sum()) / max(effective - 1.0, 0.5)
             sds.append(variance**0.5)
-    return mean, max(sds) if sds else float(np.std(values) + 1e-6)
+    return mean, max(*sds, 1e-6)
 
 
 def state_names(record: GliderRecord, time: NDArray[np.float64]) -> NDArray[np.object_]:

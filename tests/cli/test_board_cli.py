@@ -242,7 +242,57 @@ def test_energy_of_a_board_log_beside_the_gliders_recording(run, tmp_path):
     check = merged["board_against_counter"]
     assert check["against"] == "coulomb counter" and abs(check["gain_less_one"]) < 0.08
     code, out, err = run("energy", "fit", "counted.nc", "--board", "board.bin", "--out", "c")
-    assert code == 0 and "board against coulomb counter: " in out and "pitch and fin servos" in out, err
+    assert (
+        code == 0
+        and "steady load dive" in out
+        and "board against coulomb counter: " in out
+        and "pitch and fin servos" in out
+    ), err
+
+
+def test_energy_of_a_board_log_whose_clock_jumped(run, tmp_path):
+    import xarray as xr
+
+    from glider_jax.board.simulate import Plan, simulate
+
+    flight = simulate(Plan(depths=(12.0, 25.0, 18.0)), 5)
+    late = flight.utc_ms + np.where(np.arange(flight.utc_ms.size) > flight.utc_ms.size - 2000, 90_000, 0)
+    (tmp_path / "board.bin").write_bytes(frames.encode_revision_1(flight.counts, boot=1, utc_ms=late))
+    g = flight.glider
+    columns = {"m_depth": ("time", g.depth), "m_battery": ("time", g.voltage)}
+    columns |= {"m_ballast_pumped": ("time", 1e6 * g.volume), "m_pressure": ("time", g.depth / 10)}
+    coords = {"time": ("time", g.time, {"units": "seconds since 1970-01-01T00:00:00Z"})}
+    xr.Dataset(columns, coords).to_netcdf(tmp_path / "glider.nc")
+    code, _, err = run("energy", "fit", "glider.nc", "--board", "board.bin", "--no-plots")
+    assert code == 1 and "+90.0 s at tick" in err and "--clock-steps keep" in err
+    words = ("energy", "fit", "glider.nc", "--board", "board.bin", "--no-plots", "--clock-steps", "keep")
+    assert run(*words)[0] == 0
+
+
+def test_a_log_of_mixed_rates_through_the_commands(run, tmp_path):
+    from glider_jax.board import revision2
+    from glider_jax.board.simulate import Plan, simulate
+
+    flight = simulate(Plan(depths=(12.0, 20.0)), 5)
+    setup = revision2.Setup(dividers=(4, 0, 0, 1, 1, 2, 8, 8))
+    (tmp_path / "board.bin").write_bytes(revision2.sample(setup, flight.counts, 1, flight.utc_ms)[0])
+    code, out, err = run("board", "decode", "board.bin", "--out", "r", "--json")
+    assert code == 0, err
+    ticks = len(flight.counts)
+    expected = {"main": -(-ticks // 4), "pump_a": ticks, "pump_b": ticks, "brake": -(-ticks // 2)}
+    assert json.loads(out)["samples_by_channel"] == expected | {
+        "pitch": -(-ticks // 8),
+        "fin": -(-ticks // 8),
+    }
+    for log in ("board.bin", "r"):
+        assert run("board", "plot", log, "--out", "p")[0] == 0
+        code, out, err = run("board", "zero", log, "--end-s", 40, "--out", "c.toml", "--json")
+        zeros = json.loads(out)["zeros"]
+        for name in ("main", "pump_a", "brake", "fin"):
+            channel = flight.board[name]
+            # At the start the main sensor carries the load of the surface.
+            extra = 0.283 / channel.amperes_per_count if name == "main" else 0.0
+            assert zeros[name]["zero_counts"] == pytest.approx(channel.zero + extra, abs=0.6)
 
 
 def test_help_starts_without_heavy_imports():
