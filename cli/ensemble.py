@@ -120,7 +120,7 @@ def ensemble(
 
     glider-forecast ensemble --mission mission.toml --currents hfr.nc --bathymetry etopo.nc --html
     """
-    from glider_jax_cli.session import compiled_cache, progress_bar
+    from glider_jax_cli.session import cache_folder, compiled_cache, progress_bar
 
     compiled_cache()
     import json
@@ -158,6 +158,7 @@ def ensemble(
         speed_kind=speed_kind, speeds=speeds, seed=seed, days=days, start=begin, start_position=start_position,
         interval=None if interval_h is None else interval_h * 3600.0, polygons=polygons, reserve=reserve,
         spread=spread, precision=precision, decimal_degrees=decimal_degrees, outputs=outputs, style=style,
+        cache=cache_folder() / "fields",
     )  # fmt: skip
     with termination_raises(), progress_bar("members", n) as progress:
         result = run_ensemble(options, out, progress)

@@ -31,6 +31,11 @@ def fenced(run, compute):
     return jax.lax.cond(run, compute, lambda: blank)
 
 
+def on_device(value, dtype):
+    """A host value as a device array; converted on the host, where it costs no program."""
+    return jnp.asarray(np.asarray(value, dtype))
+
+
 def _uniform(axis):
     """Step of an axis if it is uniform within 2 % of a step, else None."""
     step = float((axis[-1] - axis[0]) / (axis.size - 1))
@@ -103,7 +108,7 @@ class _Cells(eqx.Module):
         step = np.array([(x[1] - x[0]) / (longitude.size - 1), (y[1] - y[0]) / (latitude.size - 1)])
         shape = np.array([longitude.size - 1, latitude.size - 1], np.int32)
         return _Cells(
-            jnp.asarray([x[0], y[0]], dtype), jnp.asarray(1.0 / step, dtype), jnp.asarray(shape)
+            on_device([x[0], y[0]], dtype), on_device(1.0 / step, dtype), on_device(shape, np.int32)
         )
 
     def locate(self, east, north):
@@ -238,7 +243,7 @@ def make_bathymetry(grid: BathymetryGrid, frame: Frame, dtype=jnp.float32) -> Ba
     """Tabulate a bathymetry record in a frame. NaN stays NaN and ends the members that come there."""
     depth, latitude, longitude = regular_axes(np.asarray(grid.depth, float), grid.latitude, grid.longitude)
     rows = _bilinear(depth).reshape(-1, 4)
-    return Bathymetry(_Cells.of(latitude, longitude, frame, dtype), jnp.asarray(rows, dtype), jnp.asarray(True))
+    return Bathymetry(_Cells.of(latitude, longitude, frame, dtype), on_device(rows, dtype), jnp.asarray(True))
 
 
 def flat_bottom(depth: float, frame: Frame, dtype=jnp.float32) -> Bathymetry:
@@ -291,12 +296,12 @@ def make_currents(grid: CurrentGrid, frame: Frame, t0: float, *, default_sd: flo
     sd = _error_map(grid, default_sd, latitude.size, longitude.size)
     return CurrentField(
         cells=_Cells.of(latitude, longitude, frame, dtype),
-        table=jnp.asarray(np.ascontiguousarray(cells.reshape(-1, 8)), dtype),
-        error=jnp.asarray(sd.reshape(-1), dtype),
-        first=jnp.asarray(time[0] - t0, dtype),
-        inverse_interval=jnp.asarray(1.0 / step, dtype),
-        frames=jnp.asarray(east.shape[0], jnp.int32),
-        inverse_depth_step=jnp.asarray(inverse_depth, dtype),
+        table=on_device(np.ascontiguousarray(cells.reshape(-1, 8)), dtype),
+        error=on_device(sd.reshape(-1), dtype),
+        first=on_device(time[0] - t0, dtype),
+        inverse_interval=on_device(1.0 / step, dtype),
+        frames=on_device(east.shape[0], np.int32),
+        inverse_depth_step=on_device(inverse_depth, dtype),
         run=jnp.asarray(True),
         levels=levels,
         steady=steady,

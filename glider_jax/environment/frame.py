@@ -64,7 +64,7 @@ class Frame(eqx.Module):
     def cast(self, dtype) -> Frame:
         """The same frame with its arrays in ``dtype``, for use inside the compiled step."""
         fields = ("metres_per_degree", "half_height", "east_stretch", "north_stretch", "latitude", "longitude")
-        values = tuple(jnp.asarray(getattr(self, name), dtype) for name in fields)
+        values = tuple(jnp.asarray(np.asarray(getattr(self, name), dtype)) for name in fields)
         return eqx.tree_at(lambda f: tuple(getattr(f, name) for name in fields), self, values)
 
     def to_metres(self, latitude, longitude):

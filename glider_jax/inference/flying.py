@@ -7,16 +7,15 @@ compile once.
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Any, ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from glider_jax.mission import programs
 from glider_jax.mission.ensemble import fly, initial_state
-from glider_jax.mission.forecast import _draw as draw
-from glider_jax.mission.forecast import _track as bring_home
+from glider_jax.mission.forecast import bring_home, draw_run
 from glider_jax.mission.plan import Plan
 from glider_jax.mission.step import next_due
 from glider_jax.physics.model import FlightModel
@@ -122,8 +121,7 @@ def _begin(plan, shape, env, member, start: Start, aimed, waited):
     )
 
 
-@partial(jax.jit, static_argnames=("shape",))
-def _compiled(members, plan, shape, env, start, aimed, waited):
+def _fly_from(shape, members, plan, env, start, aimed, waited):
     state = jax.vmap(lambda m, s: _begin(plan, shape, env, m, s, aimed, waited))(members, start)
     return fly(members, plan, shape, env, None, state)
 
@@ -145,7 +143,7 @@ def fly_scenario(scenario) -> Track:
     run = scenario.run
     n = scenario.duration.size
     dtype = np.dtype(run.plan.interval.dtype)
-    members, available = draw(run, 0, n)
+    members, available = draw_run(run, 0, n)
     members = members._replace(
         model=_with_terms(members.model, scenario, dtype),
         heading=scenario.later.astype(dtype),
@@ -156,7 +154,8 @@ def fly_scenario(scenario) -> Track:
     aimed = np.array([scenario.aimed.real, scenario.aimed.imag], dtype)
     known = scenario.situation
     waited = known.time + known.departure - known.surfaced if np.isfinite(known.surfaced) else 0.0
-    state, outputs = _compiled(
-        members, run.plan, run.shape, run.environment, start, aimed, dtype.type(waited)
-    )
+    state, outputs = programs.call(
+        "fly from", _fly_from, run.shape, tuple(jax.devices()[:1]),
+        members, run.plan, run.environment, start, aimed, dtype.type(waited),
+    )  # fmt: skip
     return bring_home(run, members, available, state, outputs)

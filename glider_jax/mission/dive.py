@@ -117,8 +117,9 @@ def plan_dive(member, plan: Plan, shape: Shape, env: Environment, legs, base, st
     remaining = jnp.where(comes_up, arrival, remaining)
     reason = jnp.where(comes_up, jnp.where(last_leg, count - 1, count - 3), reason)
     yo_left = plan.yo_limit - state.segment_yos
-    room = jnp.minimum(plan.bundle, remaining - first - cycle)
-    yos = jnp.clip(jnp.floor(room / cycle), 1.0, 64.0)
+    # Rounded, not rounded down, so that steps are of like length and members wait little for each other.
+    fit = jnp.floor((remaining - first - cycle) / cycle)
+    yos = jnp.clip(jnp.minimum(jnp.round(plan.bundle / cycle), fit), 1.0, 64.0)
     if shape.bounded_yos:
         yos = jnp.clip(yos, 1.0, jnp.maximum(yo_left, 1.0))
 

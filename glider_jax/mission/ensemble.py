@@ -18,6 +18,7 @@ from scipy.special import ndtri
 
 from glider_jax.config import Vehicle
 from glider_jax.errors import ConfigError, Outcome
+from glider_jax.mission import programs
 from glider_jax.mission.legs import TabulatedLegs, tabulate
 from glider_jax.mission.plan import Plan, Shape
 from glider_jax.mission.program import start_program, with_program, with_tables
@@ -230,8 +231,10 @@ def fly(members: Member, plan: Plan, shape: Shape, env: Environment, column: Col
     return state, jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:]), outputs)
 
 
-@partial(jax.jit, static_argnames=("shape", "mesh"))
-def _compiled(members, plan, shape, env, column, east, north, spread, sd, mesh):
+def _fly_all(static, members, plan, env, column, east, north, spread, sd):
+    """Start and fly all members, split between the devices of the mesh; traced."""
+    shape, mesh = static
+
     def run(members, plan, env, column, east, north, spread, sd):
         start = jax.vmap(lambda m: initial_state(plan, shape, env, m, east, north, spread, sd))(members)
         return fly(members, plan, shape, env, column, start)
@@ -260,10 +263,11 @@ def run_members(members, plan, shape, env, column, east, north, *, spread=1.0, f
     if pad:
         members = jax.tree.map(lambda a: np.concatenate([a, a[:pad]]), members)
     mesh = Mesh(np.array(use), ("members",)) if len(use) > 1 else None
-    number = partial(jnp.asarray, dtype=plan.dive_to.dtype)
-    state, outputs = _compiled(
-        members, plan, shape, env, column, number(east), number(north), number(spread), number(fix_sd), mesh
-    )
+    number = partial(np.asarray, dtype=plan.dive_to.dtype)
+    state, outputs = programs.call(
+        "fly", _fly_all, (shape, mesh), tuple(use),
+        members, plan, env, column, number(east), number(north), number(spread), number(fix_sd),
+    )  # fmt: skip
     if pad:
         state = jax.tree.map(lambda a: a[:count], state)
         outputs = jax.tree.map(lambda a: a[:, :count], outputs)

@@ -147,7 +147,7 @@ def prepare(
     plan, shape = make_plan(
         mission, vehicle, frame, t0=t0, duration=duration, speed=speed, speeds=speeds, interval=interval, block=block,
         levels=column.depth.shape[0], product_error=own_error, temperature=temperature,
-        density=float(np.mean(column.density)), dtype=dtype,
+        density=float(np.mean(np.asarray(column.density))), dtype=dtype,
     )  # fmt: skip
     devices = build_devices(
         vehicle.devices, mission.samples, dive_to=mission.yo.dive_to, climb_to=mission.yo.climb_to, dtype=dtype
@@ -235,17 +235,17 @@ def fly_chunks(n: int, run: Run, *, first: int = 0, chunk: int = CHUNK) -> Itera
         raise ConfigError(f"--n: expected at least 1 member, found {n}.")
     for begin in range(first, first + n, chunk):
         count = min(chunk, first + n - begin)
-        members, available = _draw(run, begin, count)
+        members, available = draw_run(run, begin, count)
         sd = run.vehicle.value("perturbation.initial_position")
         state, outputs = run_members(
             members, run.plan, run.shape, run.environment, run.column, 0.0, 0.0, spread=run.spread, fix_sd=sd
         )
-        track = _track(run, members, available, state, outputs)
+        track = bring_home(run, members, available, state, outputs)
         # Blocks that are written one after the other share their shape.
         yield pad_surfacings(track, most_surfacings(run)) if n > chunk else track
 
 
-def _draw(run: Run, begin: int, count: int):
+def draw_run(run: Run, begin: int, count: int):
     """Members and the energy (J) that each one's pack holds."""
     dtype = np.dtype(run.plan.interval.dtype)
     members = draw_members(run.model, run.vehicle, run.devices, run.spread, run.seed, begin, count, dtype)
@@ -261,7 +261,7 @@ def _draw(run: Run, begin: int, count: int):
     return members._replace(energy_limit=limits.astype(dtype), limit_code=codes.astype(np.int32)), available
 
 
-def _track(run: Run, members: Member, available, state: State, out: Output) -> Track:
+def bring_home(run: Run, members: Member, available, state: State, out: Output) -> Track:
     """Bring one chunk to the host: frame metres to degrees, intervals to times, devices to components."""
     out = jax.tree.map(np.asarray, out)
     final = jax.tree.map(np.asarray, state)
@@ -351,8 +351,8 @@ def _events(before, latest, count: int) -> np.ndarray:
     for which, log in enumerate(logs):
         mine = columns % 2 == which
         output, member = columns[mine] // 2, rows[mine]
-        for field, values in enumerate(log):
-            table[member, place[mine], field] = values[output, member]
+        for column, values in enumerate(log):
+            table[member, place[mine], column] = values[output, member]
     return table
 
 

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from glider_jax.config import Mission, Vehicle
+from glider_jax.environment.fields import on_device
 from glider_jax.environment.frame import Frame
 from glider_jax.environment.seawater import gravity
 from glider_jax.errors import ConfigError
@@ -24,8 +25,8 @@ TIMED = ("every", "after", "no_comms", "utc")
 _LONG = 1e9
 MAX_LEGS = 64
 SPEED_NODES = 1025
-#: s; yos that together last no longer are flown as one step. Chosen against the small-step reference.
-BUNDLE = 900.0
+#: s; as many yos as come closest to this are flown as one step. Chosen against the small-step reference.
+BUNDLE = 1000.0
 
 
 @dataclass(frozen=True)
@@ -185,7 +186,7 @@ def make_plan(
     up = min(abs(yo.climb_volume), volume) if yo.climb_volume is not None else volume
 
     def number(value):
-        return jnp.asarray(value, dtype)
+        return on_device(value, dtype)
 
     kinds, program = make_program(mission, vehicle.battery, frame, order, t0, timed, dtype)
     nodes, probabilities = (np.array([0.3, 0.3]), np.array([0.0, 1.0])) if speeds is None else speeds

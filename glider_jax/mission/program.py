@@ -204,11 +204,8 @@ def with_tables(flight_legs: Callable, shape) -> Callable:
         tables = [flight_legs(member, plan, column, elapsed, run)]
         for k in pitched:
             angle = plan.program[k].values["pitch"]
-            tables.append(
-                flight_legs(
-                    member, eqx.tree_at(lambda p: [p.dive_pitch, p.climb_pitch], plan, [angle] * 2), column, elapsed, run
-                )
-            )
+            pitched_plan = eqx.tree_at(lambda p: [p.dive_pitch, p.climb_pitch], plan, [angle] * 2)
+            tables.append(flight_legs(member, pitched_plan, column, elapsed, run))
         return tuple(tables)
 
     return make

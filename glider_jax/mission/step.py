@@ -103,8 +103,13 @@ def _move(member, plan: Plan, env: Environment, clock, base, state: State, dive:
     upper = jnp.where(up, 0.0, jnp.minimum(state.depth, dive.top))
     lower = jnp.where(up, 0.5, dive.turn)
     water = env.currents.mean(clock, state.time + half, middle_east, middle_north, upper, lower)
-    bits = fenced(env.bathymetry.run, lambda: words(member.key, state.steps, NOISE_STREAM))
-    noise = normals(*bits, dtype)
+    # One complex number leaves one kernel; two real ones would each repeat all rounds of the generator.
+
+    def draw():
+        return jax.lax.complex(*normals(*words(member.key, state.steps, NOISE_STREAM), dtype))
+
+    pair = fenced(env.bathymetry.run, draw)
+    noise = jnp.real(pair), jnp.imag(pair)
     path = jnp.sqrt(water[0] ** 2 + water[1] ** 2) * duration + forward
     memory = jnp.exp(-duration / plan.error_time - path / plan.error_length)
     kick = jnp.sqrt(jnp.maximum(1.0 - memory * memory, 0.0))

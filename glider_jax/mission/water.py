@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from glider_jax.config import Mission, Vehicle
+from glider_jax.environment.fields import on_device
 from glider_jax.environment.seawater import (
     density,
     pressure_dbar_from_depth,
@@ -58,4 +59,4 @@ def make_column(water: WaterProfile | None, vehicle: Vehicle, mission: Mission, 
             notes.append(f"hydrography ends at {water.depth[-1]:.0f} m: its deepest value is used below")
     flown = depth <= mission.yo.dive_to
     mean = float(np.mean(temperature[flown])) if flown.any() else float(temperature[0])
-    return Column(*(jnp.asarray(v, dtype) for v in (depth, pressure, temperature, rho, step))), mean, notes
+    return Column(*(on_device(v, dtype) for v in (depth, pressure, temperature, rho, step))), mean, notes

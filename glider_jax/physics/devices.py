@@ -74,7 +74,7 @@ def build_devices(
         for column, state in enumerate(STATES):
             power[group, column] += device.power.value * duty(device, rules, state, dive_to, climb_to)
     return DeviceTable(
-        groups, jnp.asarray(power, dtype), jnp.asarray(surfacing, dtype), jnp.asarray(inflection, dtype)
+        groups, *(jnp.asarray(np.asarray(v, dtype)) for v in (power, surfacing, inflection))
     )
 
 

@@ -75,6 +75,10 @@ def save_figure(
     dpi : instead of the style's.
     metadata : of the PNG file.
     """
+    # Here, because the commands check a style's name also where nothing is drawn.
+    from matplotlib.lines import Line2D
+    from matplotlib.text import Text
+
     style = style_of(style)
     if style.text != 1.0:
         for text in figure.findobj(Text):

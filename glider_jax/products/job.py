@@ -1,6 +1,6 @@
 """The main job: read every input, fly the ensemble, write every product. The command line only parses and prints.
 
-JAX is loaded in a thread while the files are read, because start-up is where a small forecast spends its time.
+Start-up is where a small forecast spends its time: what was read and filled, and what was compiled, is kept.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import numpy as np
 from glider_jax.config import Mission, Vehicle
 from glider_jax.errors import ConfigError
 from glider_jax.products.atomic import write_text
+from glider_jax.products.kept_fields import kept_currents
 from glider_jax.readers.missions import read_mission
 from glider_jax.readers.vehicles import read_vehicle
 from glider_jax.records import BathymetryGrid, CurrentGrid, Track, WaterProfile
@@ -36,6 +37,7 @@ class Options:
     depths are gridded, over ``bathymetry`` if both are given. ``days``, ``start`` (UTC seconds), ``start_position``
     (latitude, longitude). ``polygons`` is a GeoJSON file. ``outputs`` names the products to write, ``html`` (off by
     default) among them; ``style`` is that of the figures, see ``products.figure_style``.
+    ``cache`` is a folder where currents that were read and filled are kept; None keeps none.
     """
 
     n: int = 5000
@@ -62,6 +64,7 @@ class Options:
     decimal_degrees: bool = False
     outputs: frozenset[str] = frozenset({"nc", "json", "geojson", "kmz", "map", "battery"})
     style: str = "screen"
+    cache: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -190,10 +193,14 @@ def _read_currents(options: Options, bundled: bool, box, period) -> CurrentGrid 
         grid = None
     elif made is not None:
         grid = synthetic_currents(made[0], **made[1])
-    elif words:
-        grid = read_currents(list(options.currents), box=box, period=period, grid=options.grid)
-    elif bundled:
-        grid = read_currents(bundled_path("new_jersey_currents.nc"), box=box, period=period)
+    elif words or bundled:
+        paths = list(options.currents) if words else [Path(bundled_path("new_jersey_currents.nc"))]
+        grid = kept_currents(
+            options.cache,
+            [*paths, *([options.grid] if words and options.grid else [])],
+            (box, period, words and options.grid is not None),
+            lambda: read_currents(paths, box=box, period=period, grid=options.grid if words else None),
+        )
     else:
         grid = None
     return grid if options.tides is None else _with_tides(options, grid, box, period)

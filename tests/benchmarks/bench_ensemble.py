@@ -48,7 +48,7 @@ def measure(n: int, repeat: int, speed: str, days: float) -> dict:
     import numpy as np
 
     from glider_jax.mission.ensemble import run_members
-    from glider_jax.mission.forecast import _draw, _track
+    from glider_jax.mission.forecast import bring_home, draw_run
     from glider_jax.products.fan import plot_battery
     from glider_jax.products.job import Options, prepare_run, read_inputs
     from glider_jax.products.maps import plot_map
@@ -60,7 +60,7 @@ def measure(n: int, repeat: int, speed: str, days: float) -> dict:
     run = clock("tabulate", lambda: prepare_run(options, inputs))
 
     def flown():
-        members, available = _draw(run, 0, n)
+        members, available = draw_run(run, 0, n)
         state, out = run_members(members, run.plan, run.shape, run.environment, run.column, 0.0, 0.0)
         jax.block_until_ready(out)
         return members, available, state, out
@@ -68,7 +68,7 @@ def measure(n: int, repeat: int, speed: str, days: float) -> dict:
     clock("compile and first flight", flown)
     for _ in range(repeat):
         members, available, state, out = clock("draw and fly", flown)
-    track = clock("to host", lambda: _track(run, members, available, state, out))
+    track = clock("to host", lambda: bring_home(run, members, available, state, out))
     with tempfile.TemporaryDirectory() as folder:
         for _ in range(min(repeat, 3)):
             clock("netCDF", lambda: write_netcdf(track, Path(folder) / "forecast.nc"))

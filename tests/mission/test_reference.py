@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from glider_jax.mission.forecast import _draw, fly_chunks, prepare
+from glider_jax.mission.forecast import draw_run, fly_chunks, prepare
 from glider_jax.mission.plan import overshoot_time
 from glider_jax.mission.speeds import choose_speeds
 from glider_jax.mission.step import sample_speed
@@ -32,7 +32,7 @@ def _compare(n, days, step, correction):
         mission, vehicle, currents=currents, bathymetry=inputs.bathymetry, speeds=nodes, duration=days * 86400.0, seed=3
     )
     track = next(iter(fly_chunks(n, run)))
-    words = tuple(map(jnp.asarray, _draw(run, 0, n)[0].key))
+    words = tuple(map(jnp.asarray, draw_run(run, 0, n)[0].key))
     segments = int(days * 8) + 4
     draw = jax.vmap(lambda w: jax.vmap(lambda s: sample_speed(run.plan, w, s))(jnp.arange(segments, dtype=jnp.int32)))
     p = track.parameters
