@@ -11,6 +11,7 @@ from importlib import import_module
 from typing import Annotated
 
 import typer
+from typer.core import TyperCommand
 
 from glider_jax import __version__
 from glider_jax.errors import GliderJaxError
@@ -50,6 +51,30 @@ class _State:
     debug = False
 
 
+class ManyValues(TyperCommand):
+    """A command whose repeatable options take several values at once, as a shell expands ``--currents hfr/*.nc``."""
+
+    def parse_args(self, ctx, args: list[str]) -> list[str]:
+        """Write ``--currents a b`` as ``--currents a --currents b`` where no argument could be meant."""
+        if not any(param.param_type_name == "argument" for param in self.params):
+            args = self._repeated(args)
+        return super().parse_args(ctx, args)
+
+    def _repeated(self, args: list[str]) -> list[str]:
+        many = {name for param in self.params if getattr(param, "multiple", False) for name in param.opts}
+        found: list[str] = []
+        last, given = "", 0
+        for word in args:
+            if word.startswith("-") and not word[1:2].isdigit():
+                last, given = (word, 0) if word in many else ("", 0)
+            elif last:
+                given += 1
+                if given > 1:
+                    found.append(last)
+            found.append(word)
+        return found
+
+
 _BEFORE, _DURING, _AFTER, _BOARD, _HOUSE = (
     "Before a mission", "During a mission", "After a mission", "Measuring energy and speed", "The tool itself",
 )  # fmt: skip
@@ -81,7 +106,8 @@ def register() -> None:
     """Add every command; each module imports what it needs inside its functions."""
     for name, module, function, panel, purpose in _COMMANDS:
         command = getattr(import_module(f"glider_jax_cli.{module}"), function)
-        app.command(name, short_help=purpose, rich_help_panel=panel, epilog=epilog(name))(command)
+        details = {"short_help": purpose, "rich_help_panel": panel, "epilog": epilog(name), "cls": ManyValues}
+        app.command(name, **details)(command)
     for name, module, panel, purpose in _GROUPS:
         group = import_module(f"glider_jax_cli.{module}").app
         for inner in group.registered_commands:
