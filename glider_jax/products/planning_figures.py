@@ -8,11 +8,13 @@ from pathlib import Path
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from glider_jax.products import cartography as chart
 from glider_jax.products.figure_style import save_figure, style_of
 from glider_jax.products.planning import Setting
 from glider_jax.products.planning_choice import GOALS, Recommendation, Sensitivity, pareto
+from glider_jax.products.wording import drawn
 
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 
@@ -29,10 +31,14 @@ def plot_pareto(
     stars = {id(r.setting) for r in chosen if r.setting is not None}
     word = next((k for k, v in flown[0].choices.items() if isinstance(v, str)), None)
     names = list(dict.fromkeys(str(s.choices[word]) for s in flown)) if word else [""]
+    keys = [
+        Line2D([], [], marker=_MARKERS[k % len(_MARKERS)], color="#555555", linestyle="none", label=drawn(name))
+        for k, name in enumerate(names)
+    ]
     figure = Figure(figsize=(13.5, 4.6), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots(1, 3)
-    drawn = None
+    points = None
     for panel, what, label in zip(
         axes,
         ("km", "profiles", "contacts"),
@@ -43,9 +49,9 @@ def plot_pareto(
             mine = [s for s in flown if not word or str(s.choices[word]) == name]
             x = [np.median(s.rate("wh")) for s in mine]
             y = [np.median(s.rate(what)) for s in mine]
-            drawn = panel.scatter(
+            points = panel.scatter(
                 x, y, c=[s.probability for s in mine], cmap="viridis", vmin=0.0, vmax=1.0, s=34, zorder=3,
-                marker=_MARKERS[k % len(_MARKERS)], label=name or None,
+                marker=_MARKERS[k % len(_MARKERS)],
             )  # fmt: skip
         for s in flown:
             at = np.median(s.rate("wh")), np.median(s.rate(what))
@@ -58,15 +64,13 @@ def plot_pareto(
         panel.grid(True, color="#dddddd", linewidth=0.6)
         panel.set_axisbelow(True)
     if word:
-        axes[0].legend(fontsize=8)
+        axes[0].legend(handles=keys, fontsize=8)
     axes[1].set_title("ringed: no other setting is better in every respect; star: recommended", fontsize=9)
-    figure.colorbar(drawn, ax=list(axes), label="probability of success", shrink=0.9)
+    figure.colorbar(points, ax=list(axes), label="probability of success", shrink=0.9)
     return save_figure(figure, path, style)
 
 
-def plot_tornado(
-    found: Sequence[Sensitivity], goal: str, path: Path, title: str = "", style: str = "screen"
-) -> Path:
+def plot_tornado(found: Sequence[Sensitivity], goal: str, path: Path, title: str = "", style: str = "screen") -> Path:
     """Change of energy and of the goal per step of each parameter, with the standard error of the paired members."""
     shown = list(found)[:14]
     figure = Figure(figsize=(11.0, 1.4 + 0.34 * len(shown)), layout="constrained")
@@ -79,13 +83,12 @@ def plot_tornado(
     ):
         value, error = np.array(pairs, float).T
         colours = [chart.VERMILLION if v > 0 else chart.BLUE for v in value]
-        panel.barh(place, value, xerr=error, color=colours, ecolor="grey", height=0.65)
+        panel.barh(place, value, xerr=error, color=colours, ecolor="black", height=0.65)
         panel.axvline(0.0, color="black", lw=0.8)
         panel.set_xlabel(label)
         panel.grid(True, axis="x", color="#dddddd", linewidth=0.6)
         panel.set_axisbelow(True)
-    axes[0].set_yticks(place, [f"{s.name} ({s.step})" for s in shown], fontsize=8)
+    axes[0].set_yticks(place, [drawn(f"{s.name} ({s.step})") for s in shown], fontsize=8)
     if style_of(style).words:
-        figure.suptitle(title or "What the answer hangs on", fontsize=10)
+        figure.suptitle(drawn(title or "What the answer hangs on"), fontsize=10)
     return save_figure(figure, path, style)
-

@@ -7,12 +7,16 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
 
 from glider_jax.products import scores
-from glider_jax.products.figure_style import save_figure
+from glider_jax.products.figure_style import save_figure, style_of
 from glider_jax.products.hindcast import Case
+from glider_jax.products.html.charts import ticks
+from glider_jax.products.wording import drawn, one_line
 
-_INK, _BLUE, _GREY = "#222222", "#1f6fb4", "#999999"
+_BLUE, _GREY = "#0072B2", "#8A8A8A"
+_COLOURS = ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#56B4E9", "#CC79A7", "#000000")
 
 
 def plot_reliability(cases: list[Case], path: Path, style: str = "screen") -> Path:
@@ -34,19 +38,29 @@ def plot_reliability(cases: list[Case], path: Path, style: str = "screen") -> Pa
             mark = "s" if name == "time" else "o"
             left.errorbar(promised + shift, found, bars, fmt=mark, color=colour, capsize=3, label=name)
         left.set(xlabel="promised share", ylabel="found share", xlim=(0, 1), ylim=(0, 1.02))
-        left.set_title(f"Coverage, {len(cases)} surfacings; bars 95 %")
+        if style_of(style).words:
+            left.set_title(f"Coverage, {len(cases)} surfacings; bars 95 %")
+            right.set_title("Each surfacing; below the line is better")
         left.legend(frameon=False)
         ours = np.array([c.error for c in cases]) / 1e3
         theirs = np.array([c.persistence for c in cases]) / 1e3
         names = sorted({c.recording for c in cases})
         for k, name in enumerate(names):
             mine = np.array([c.recording == name for c in cases])
-            right.plot(theirs[mine], ours[mine], "osd^vP*X"[k % 8], markersize=4, label=name)
+            right.plot(
+                theirs[mine], ours[mine], "osd^vP*X"[k % 8], markersize=4, color=_COLOURS[k % len(_COLOURS)],
+                label=drawn(one_line(name, 28)),
+            )  # fmt: skip
         most = max(float(ours.max()), float(theirs.max()), 0.1) * 1.2
         least = max(min(float(ours.min()), float(theirs.min())) * 0.8, 0.005)
         right.plot([least, most], [least, most], color=_GREY, linewidth=1)
         right.set(xscale="log", yscale="log", xlim=(least, most), ylim=(least, most))
+        # Round numbers in plain writing: a range of less than a decade would else have crowded labels.
+        marks = ticks(least, most, log=True)
+        for axis in (right.xaxis, right.yaxis):
+            axis.set_major_locator(FixedLocator(marks))
+            axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+            axis.set_minor_formatter(NullFormatter())
         right.set(xlabel="error of persistence (km)", ylabel="error of the forecast (km)")
-        right.set_title("Each surfacing; below the line is better")
         right.legend(frameon=False, fontsize=7)
         return save_figure(figure, path, style, dpi=150 if style == "screen" else None)

@@ -118,7 +118,7 @@ def figure_7(out: Path, constants: Constants, seed: int = 0, style: str = "scree
     shown = (time >= begin) & (time <= begin + 30.0)
     figure, axes = _figure(1, (8.0, 3.8))
     axes.plot(time[shown] - begin, pump[shown], color=chart.BLUE, lw=0.9, label="pump")
-    axes.plot(time[shown] - begin, brake[shown], color=chart.VERMILLION, lw=0.9, label="brake")
+    axes.plot(time[shown] - begin, brake[shown], color=chart.ORANGE, lw=1.1, label="brake")
     axes.set_xlabel("time (s)")
     axes.set_ylabel("current (A)")
     axes.set_title("One inflection at 12 m: the brake unlocks, the pump moves, the brake locks", fontsize=10)
@@ -172,7 +172,7 @@ def figure_10(out: Path, yos: ThreeYos, style: str = "screen") -> Path:
         )
     middle = 1 + int(np.argmin(np.abs(yos.distribution[: yos.depth.shape[0] - 1] - np.mean(yos.distribution))))
     axes.plot(minutes, yos.depth[middle], color=chart.BLUE, lw=1.6, label="SimDist, near the mean duration")
-    axes.plot(minutes, yos.depth[0], color=chart.VERMILLION, lw=1.6, label="SimShoebox")
+    axes.plot(minutes, yos.depth[0], color=chart.VERMILLION, lw=1.6, ls=(0, (6, 2)), label="SimShoebox")
     for limit in (2.0, 25.0):
         axes.axhline(limit, color="grey", lw=0.7, ls="--")
     axes.set_xlim(0.0, float(np.quantile(yos.distribution, 0.9)) / 60.0)
