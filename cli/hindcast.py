@@ -27,6 +27,10 @@ def hindcast(
     ] = False,
     bathymetry: Annotated[Path | None, typer.Option(help="Bathymetry to draw on the map of --html.")] = None,
     style: Annotated[str, typer.Option(help="Look of the figures: screen, print or paper.")] = "screen",
+    diagnose: Annotated[
+        Path | None,
+        typer.Option(help="Folder: diagnose each recording, and say whether what was left out explains the misses."),
+    ] = None,
     json_: Annotated[bool, typer.Option("--json", help="Print everything as JSON.")] = False,
 ) -> None:
     """Score forecasts of every surfacing from what was known then, against persistence and dead reckoning.
@@ -82,6 +86,8 @@ def hindcast(
             tables[one.name] = summarise(cases)
             digests |= {Path(name).name: digest for name, digest in one.source.files.items()}
             every += cases
+            if diagnose is not None:
+                _diagnosed(one, known, flown, rows(cases), diagnose / one.name)
     pooled = summarise(every)
     content = plain_numbers(
         {"recordings": tables, "pooled": pooled, "cases": rows(every), "seed": seed, "members": n}
@@ -104,6 +110,22 @@ def hindcast(
         print(json.dumps(content, allow_nan=False))
     else:
         show(content)
+
+
+def _diagnosed(recording: Any, vehicle: Any, mission: Any, cases: list[dict[str, Any]], out: Path) -> None:
+    """Diagnose a recording, with the misses of its forecasts beside what was named; one line on standard error."""
+    from glider_jax.diagnosis.run import diagnose as run
+    from glider_jax.errors import DataError
+
+    try:
+        found = run(recording=recording, vehicle=vehicle, mission=mission, misses=cases, out=out)
+    except DataError as problem:
+        print(f"{recording.name}: not diagnosed: {problem}", file=sys.stderr)
+        return
+    missed = found.get("forecast_misses")
+    said = f" {missed['sentence']}" if missed else ""
+    print(f"{recording.name}: {found['summary']}{said}", file=sys.stderr)
+    print(f"diagnosis: {out / 'report.html'} ({found['seconds']:.0f} s)", file=sys.stderr)
 
 
 def show(content: dict[str, Any]) -> None:

@@ -23,7 +23,7 @@ from glider_jax.records import Array
 if TYPE_CHECKING:
     from glider_jax.diagnosis.run import Finding
 
-ID = "navigation.mean_current"
+ID, UNKNOWN = "navigation.mean_current", "Unknown flow"
 #: m s-1 and s; what wanders beside mean and tides in unknown water, and what still water may do (judgement).
 WANDER, STRAY, HOURS = 0.06, 0.02, 8.0 * 3600.0
 #: nats of evidence against still water that name a flow; shares of the record after which the rest is predicted.
@@ -124,6 +124,17 @@ def predicted(course: Course, known: Array, wanted: Array) -> tuple[Array, Array
     return gain @ course.residual[known], variance
 
 
+def left_over(course: Course) -> Array:
+    """What each segment misses by when all others tell of the flow, (moved, 2) m s-1, east and north."""
+    found = np.zeros((course.moved, 2))
+    for k in range(course.moved):
+        wanted = course.rows(np.array([k]))
+        known = course.rows(np.delete(np.arange(course.time.size), k))
+        guess, _ = predicted(course, known, wanted)
+        found[k] = course.residual[wanted] - guess
+    return found
+
+
 def later(course: Course) -> list[dict[str, Any]]:
     """Errors of later segments, from the segments before a cut: without flow, with it, and with the last one's.
 
@@ -208,6 +219,14 @@ def name_flow(found: Finding, content: dict[str, Any]) -> None:
     if told["evidence"] < ENOUGH or any(effect["id"] in UNKNOWN_FLOW for effect in content["effects"]):
         return
     content["effects"].insert(0, _effect(found, told, parts))
+    course = course_of(found)
+    span = course.span[:, None]
+    east, north = course.noise.rows
+    still = np.stack([course.residual[east[: course.moved]], course.residual[north[: course.moved]]], axis=1)
+    content["held_out"]["figures"]["surfacing_error_m"] = {
+        when: float(np.median(np.hypot(*(miss * span).T)))
+        for when, miss in (("before", still), ("after", left_over(course)))
+    }
     if content["verdict"] == "nothing_missing":
         content["verdict"] = "explained"
     content["summary"] = summary_of(content["verdict"], content["effects"], content["unexplained"], content["warnings"])
@@ -233,7 +252,7 @@ def _effect(found: Finding, told: dict[str, Any], parts: dict[str, tuple[float, 
     gained = [row["before_rms_m"] > row["after_rms_m"] for row in told["later"]]
     share = float(np.mean(gained)) if gained else 0.0
     return {
-        "id": ID, "title": "Unknown flow", "plain": "The water moved, and the forecast did not know of it.",
+        "id": ID, "title": UNKNOWN, "plain": "The water moved, and the forecast did not know of it.",
         "class": {"label": "unknown flow", "members": list(UNKNOWN_FLOW), "decided_by":
                   "a current product; a longer record, to tell a steady current from tides"},
         "certain": True, "evidence": told["evidence"], "parameters": entries, "shapes": {}, "alternatives": [],

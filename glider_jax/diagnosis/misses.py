@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from glider_jax.diagnosis.flow import UNKNOWN, course_of, left_over
 from glider_jax.errors import DataError
 from glider_jax.readers.dead_reckoning import metres
 from glider_jax.records import Array
@@ -42,7 +43,7 @@ def read_cases(path: Path) -> list[dict[str, Any]]:
         ) from problem
 
 
-def explain(cases: list[dict[str, Any]], found: Finding) -> dict[str, Any] | None:
+def explain(cases: list[dict[str, Any]], found: Finding, content: dict[str, Any]) -> dict[str, Any] | None:
     """Misses of forecasts beside the residuals of the same segments, before and after; None without a common one.
 
     Returns
@@ -53,6 +54,10 @@ def explain(cases: list[dict[str, Any]], found: Finding) -> dict[str, Any] | Non
     east, north = (found.gathered.stream(f"displacement {way}") for way in ("east", "north"))
     if east is None or north is None or "displacement east" not in found.whitened:
         return None
+    left = [np.stack([found.whitened[f"displacement {way}"][k] for way in ("east", "north")], axis=1) for k in (0, 1)]
+    course = course_of(found)
+    if course is not None and any(effect["title"] == UNKNOWN for effect in content["effects"]):
+        left[1] = left_over(course)
     ends = found.gathered.origin + east.time + 0.5 * east.span
     table = []
     for case in cases:
@@ -68,10 +73,7 @@ def explain(cases: list[dict[str, Any]], found: Finding) -> dict[str, Any] | Non
         )  # fmt: skip
         course = np.array([east.value[near], north.value[near]])
         course = course / max(float(np.hypot(*course)), 1e-9)
-        residual = [
-            np.array([found.whitened[f"displacement {way}"][k][near] for way in ("east", "north")]) * east.span[near]
-            for k in (0, 1)
-        ]
+        residual = [misses[near] * east.span[near] for misses in left]
         row = [_turned(v, course) for v in (np.array([x[0], y[0]]), *residual)]
         table.append([*row[0], *row[1], *row[2], float(case.get("time_error") or 0.0)])
     if len(table) < 3:
@@ -93,13 +95,14 @@ def _summary(table: Array) -> dict[str, Any]:
         "after_rms_m": float(np.sqrt(np.mean(table[:, 4] ** 2 + table[:, 5] ** 2))),
         "miss_rms_m": float(np.sqrt(np.mean(table[:, 0] ** 2 + table[:, 1] ** 2))),
     }
-    way = "short of" if means["along_m"] < 0.0 else "beyond"
-    shown = share if means["along_m"] < 0.0 else 1.0 - share
+    before, after = means["before_along_m"], means["after_along_m"]
+    way = "short" if means["along_m"] < 0.0 else "too far"
+    count, short = len(table), int((table[:, 0] < 0.0).sum())
     sentence = (
-        f"{100.0 * shown:.0f} % of {len(table)} forecast surfacings came {way} the forecast, on average by "
-        f"{abs(means['along_m']):.0f} m along the course; forecasts missed by {size['miss_rms_m']:.0f} m rms. On the "
-        f"same segments the base model misses by {size['before_rms_m']:.0f} m rms ({means['before_along_m']:+.0f} m along), "
-        f"with the named effects by {size['after_rms_m']:.0f} m ({means['after_along_m']:+.0f} m)."
+        f"{count} forecast surfacings missed by {size['miss_rms_m']:.0f} m rms; {short} of them came short, and on "
+        f"average the glider came {abs(means['along_m']):.0f} m {way}. On the same segments the base model misses by "
+        f"{size['before_rms_m']:.0f} m rms ({before:+.0f} m along the course), with what was named by "
+        f"{size['after_rms_m']:.0f} m ({after:+.0f} m)."
     )
     late = float(np.mean(table[:, 6])) / 60.0
     return {"cases": len(table), **means, **size, "short": share, "forecast_late_min": late, "sentence": sentence}
