@@ -18,8 +18,9 @@
   theme(asked());
   system.addEventListener("change", () => theme(asked()));
   if (el("theme")) el("theme").addEventListener("click", () => { chosen = !asked(); theme(chosen); });
-  window.addEventListener("beforeprint", () => theme(false));
-  window.addEventListener("afterprint", () => theme(asked()));
+  let paper = null;
+  window.addEventListener("beforeprint", () => { theme(false); if (paper) paper(true); });
+  window.addEventListener("afterprint", () => { if (paper) paper(false); theme(asked()); });
 
   const box = el("map");
   const map = box && data.map ? draw(box, data.map) : null;
@@ -118,7 +119,8 @@
       pen.putImageData(image, 0, 0);
       L.imageOverlay(canvas.toDataURL(), cells.bounds, { pane: "density", className: "density", alt: "" }).addTo(density);
     }
-    if (cells && el("ramp")) {
+    function ramp() {
+      if (!cells || !el("ramp")) return;
       const pick = (share) => "rgb(" + cells.ramp[Math.round(share * (cells.ramp.length - 1))].join(",") + ")";
       el("ramp").style.background = "linear-gradient(90deg," + [1, 0.75, 0.5, 0.25, 0].map((s) => pick(
         root.dataset.theme === "dark" ? 1 - s : s)).join(",") + ")";
@@ -160,7 +162,16 @@
       if (frame.place) marker(frame.place, "place", "", 13, frame.told, 500).addTo(regions);
       if (frame.look) chart.fitBounds(frame.look, { animate: false, maxZoom: 14 });
     }
-    redraw = () => { if (last) show(...last); };
+    redraw = () => { ramp(); if (last) show(...last); };
+    ramp();
+    // On paper the map has the width of the paper and shows what the screen showed.
+    paper = (on) => {
+      const view = chart.getBounds();
+      node.style.width = on ? "680px" : "";
+      node.style.height = on ? "430px" : "";
+      chart.invalidateSize({ animate: false });
+      chart.fitBounds(view, { animate: false });
+    };
 
     document.querySelectorAll("input[data-layer]").forEach((box) => box.addEventListener("change", () => {
       const layer = layers[box.dataset.layer];

@@ -131,6 +131,7 @@ def test_a_sample_of_the_members_adds_no_instants():
     summary = summarise(track)
     frames = data_of(report(take(track, slice(0, 100)), summary))["frames"]
     assert [f["hours"] for f in frames] == [0.0, *(p["hours"] for p in summary["positions"])]
+    assert "density of 100 members" in report(take(track, slice(0, 100)), summary)
 
 
 def test_a_forecast_whose_members_end_at_once_has_a_page():

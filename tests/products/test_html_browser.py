@@ -133,4 +133,6 @@ def test_the_page_prints(browser: Browser, pages):
     printed = browser.driver.execute_cdp_cmd("Page.printToPDF", {"printBackground": True})
     data = base64.b64decode(printed["data"])
     assert data.startswith(b"%PDF") and len(data) > 20_000
+    wide = browser.run("return document.getElementById('map').getBoundingClientRect().width")
+    assert wide > 1000, "the map has its size again"
     assert browser.run("return document.documentElement.dataset.theme") == "dark", "the screen is as before"

@@ -69,7 +69,7 @@ def report(track: Track, summary: Mapping[str, Any], fields: Fields = Fields(), 
         section("energy", "Energy by component", tables.energy(summary)),
         section("outcomes", "How members end", tables.outcomes(summary)),
         section("inputs", "Inputs and their ages", tables.inputs(summary, fields.currents, fields.bathymetry)),
-        section("assumptions", "Assumed, ignored and repaired", tables.assumptions(summary)),
+        section("assumptions", "Assumed, ignored and repaired", tables.assumptions(summary, track.n)),
         section("provenance", "Provenance", settings_block(summary["provenance"])),
     ]
     return page(
@@ -89,14 +89,14 @@ def map_block(
     if drawn.get("currents"):
         layers.append(("arrows", f"currents (long arrow {drawn['currents']['typical_cm_s']:g} cm/s)", "arrow"))
     if drawn.get("density"):
-        layers.append(("density", "members", ""))
+        layers.append(("density", "members: few", ""))
     layers.append(("regions", "50 % (solid) and 90 % (dashed) region", "r50"))
     layers.append(("places", places, "path"))
     if drawn.get("surfacings"):
         layers.append(("surfacings", "next surfacings", ""))
     boxes = "".join(
         f'<label><input type="checkbox" data-layer="{name}" checked>{_swatch(kind)}{safe(text)}'
-        f"{' <span id=ramp title=many-to-few></span>' if name == 'density' else ''}</label>"
+        f"{' <span id=ramp></span> many' if name == 'density' else ''}</label>"
         for name, text, kind in layers
     )
     near = '<button id="near" type="button">Next surfacing</button> ' if drawn.get("near") else ""

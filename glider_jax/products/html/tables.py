@@ -306,12 +306,14 @@ def _cover(first: float, last: float, begin: float, end: float) -> str:
     return ", ".join(words) or "covers the forecast"
 
 
-def assumptions(summary: Mapping[str, Any]) -> Safe:
-    """The notes of the run, and what a live forecast assumed, missed and repaired."""
+def assumptions(summary: Mapping[str, Any], drawn: int) -> Safe:
+    """The notes of the run, what a live forecast assumed, missed and repaired, and how many members are drawn."""
     live = summary.get("inputs") or {}
     found = [*summary["notes"], *live.get("assumed", ())]
     found += [f"missing channel: {name}" for name in live.get("missing", ())]
     found += [f"repaired: {text}" for text in live.get("repairs", ())]
+    if drawn < summary["forecast"]["members"]:
+        found.append(f"the map shows the density of {drawn:,} members; all numbers and regions are of all members")
     return bullets(dict.fromkeys(found)) or paragraph("Nothing beyond the settings.")
 
 
