@@ -6,8 +6,6 @@ adds the accepted terms only, so ``ensemble`` and ``next`` fly what was named an
 
 from __future__ import annotations
 
-import base64
-import html
 import io
 import json
 import math
@@ -18,17 +16,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from glider_jax.diagnosis.page import page
 from glider_jax.physics.library import TERMS_BY_ID
 from glider_jax.physics.term import declared
 
 if TYPE_CHECKING:
     from glider_jax.diagnosis.run import Finding
-
-VERDICTS = {
-    "nothing_missing": "Nothing is missing",
-    "explained": "Explained",
-    "unexplained": "Not all of it is explained",
-}
 
 
 def write(out: Path, found: Finding, content: dict[str, Any], *, report: bool = True) -> None:
@@ -39,7 +32,7 @@ def write(out: Path, found: Finding, content: dict[str, Any], *, report: bool = 
         pictures = figures(found, content)
         for name, data in pictures.items():
             _put(out / f"{name}.png", data)
-        _put(out / "report.html", page(found, content, pictures).encode())
+        _put(out / "report.html", page(content, pictures).encode())
     _put(out / "diagnosis.json", (json.dumps(content, indent=1, allow_nan=False) + "\n").encode())
 
 
@@ -195,162 +188,3 @@ def _png(figure: Any) -> bytes:
     data = io.BytesIO()
     figure.savefig(data, format="png", dpi=110)
     return data.getvalue()
-
-
-def page(found: Finding, content: dict[str, Any], pictures: dict[str, bytes]) -> str:
-    """The report as one HTML page with everything inside."""
-    e = html.escape
-    parts = [
-        "<!doctype html><html lang='en'><head><meta charset='utf-8'><title>Diagnosis</title><style>", _STYLE,
-        "</style></head><body>",
-        f"<h1>{e(VERDICTS[content['verdict']])}</h1>",
-        f"<p class='lead'>{e(content['summary'])}</p>",
-        f"<p class='small'>{e(content['recording']['name'])}: {content['recording']['days']:.1f} days, "
-        f"{content['recording']['dives']} dives between surfacings, {content['recording']['legs']} half yos; "
-        f"vehicle {e(content['vehicle']['name'])}; {content['seconds']:.0f} s.</p>",
-    ]  # fmt: skip
-    parts += [f"<p class='warn'>{e(text)}</p>" for text in content["warnings"]]
-    for effect in content["effects"]:
-        parts.append(_effect_section(effect))
-    if content["unexplained"]:
-        parts.append("<h2>Without a name</h2>")
-        for one in content["unexplained"]:
-            parts.append(
-                f"<p>{e(one['sentence'])} Size {one['rms']:.2g} {e(one['unit'])} rms; its shape gains "
-                f"{one['held_out_gain']:.0f} nats on held-out dives. No effect of the catalogue fits it, so what is "
-                "named above in the same measurement is tentative.</p>"
-            )
-        parts.append(_picture(pictures, "unexplained", "Shape of what has no name, with its 90 % band."))
-    parts.append("<h2>Before and after</h2>")
-    parts.append(
-        _picture(pictures, "residuals", "Measured minus model: calibration alone, and with what was left out.")
-    )
-    parts.append(_held_table(content))
-    parts.append("<h2>Where the mismatch is</h2>")
-    if content["localisation"]:
-        parts.append("<ul>" + "".join(f"<li>{e(p['sentence'])}</li>" for p in content["localisation"][:8]) + "</ul>")
-    else:
-        parts.append("<p>Nowhere beyond chance.</p>")
-    parts.append(_picture(pictures, "places", "How surely each measurement's mismatch depends on what; dark is sure."))
-    parts.append(_calibration_table(content))
-    parts.append(_limits_table(content))
-    if content["missing"] or content["notes"]:
-        lines = "".join(f"<li>{e(t)}</li>" for t in (*content["missing"], *content["notes"]))
-        parts.append(f"<h2>What was missing, and notes</h2><ul>{lines}</ul>")
-    parts.append(_sources(content))
-    parts.append("</body></html>")
-    return "\n".join(parts)
-
-
-def _effect_section(effect: dict[str, Any]) -> str:
-    e = html.escape
-    word = "Perhaps: " if effect["tentative"] else ""
-    lines = [f"<h2>{word}{e(effect['title'])}</h2><p>{e(effect['plain'])}</p>"]
-    if effect["located"]:
-        lines.append(f"<p>Seen here: {e(effect['located'])}</p>")
-    rows = "".join(
-        f"<tr><td>{e(p['text'])}</td><td>{p['shown']['value']:.4g} {e(p['shown']['unit'])}</td>"
-        f"<td>{p['shown']['interval_90'][0]:.4g} to {p['shown']['interval_90'][1]:.4g}</td></tr>"
-        for p in effect["parameters"]
-    )
-    lines.append(f"<table><tr><th></th><th>value</th><th>90 % interval</th></tr>{rows}</table>")
-    for name, value in effect["shapes"].items():
-        lines.append(
-            f"<p>{e(name)}: {value:.4g} s</p>" if name in ("period", "onset") else f"<p>{e(name)}: {value:.4g}</p>"
-        )
-    held = effect["held_out"]
-    sure = (
-        "confirmed on dives left out of the fit" if held["confirmed"] else "not confirmed on dives left out of the fit"
-    )
-    lines.append(f"<p>Evidence {effect['evidence']:.1f} nats; {sure} ({(held['gain'] or 0.0):.1f} nats gained).</p>")
-    if effect["alternatives"]:
-        names = ", ".join(f"{e(a['title'].lower())} ({a['behind']:+.1f} nats behind)" for a in effect["alternatives"])
-        lines.append(f"<p>As well explained by: {names}.</p>")
-        if effect["class"]["decided_by"]:
-            lines.append(f"<p>What would decide: {e(effect['class']['decided_by'])}.</p>")
-    lines.append(f"<p class='small'>Known as {e(effect['id'])}.</p>")
-    return "\n".join(lines)
-
-
-def _held_table(content: dict[str, Any]) -> str:
-    rows = "".join(
-        f"<tr><td>{html.escape(name)}</td><td>{s['n']}</td><td>{s['before']['rms']:.3g}</td><td>{s['after']['rms']:.3g}</td>"
-        f"<td>{s['floor']:.3g}</td><td>{html.escape(s['unit'])}</td>"
-        f"<td>{s['after']['log_score'] - s['before']['log_score']:+.1f}</td></tr>"
-        for name, s in content["held_out"]["streams"].items()
-    )
-    said = ""
-    for key, text, factor, unit in (
-        ("surfacing_error_m", "Surfacing error of a dive segment, median", 1.0, "m"),
-        ("energy_error_j_per_day", "Energy the model did not expect", 1e-3, "kJ a day"),
-    ):
-        pair = content["held_out"]["figures"].get(key)
-        if pair:
-            before, after = pair["before"] * factor, pair["after"] * factor
-            said += f"<p>{text}: {before:.3g} {unit} before, {after:.3g} {unit} after.</p>"
-    return (
-        "<p>On dives left out of the fit (rms):</p><table><tr><th>measurement</th><th>number</th><th>before</th>"
-        "<th>after</th>"
-        f"<th>noise</th><th>unit</th><th>log score gained</th></tr>{rows}</table>{said}"
-    )
-
-
-def _calibration_table(content: dict[str, Any]) -> str:
-    rows = "".join(
-        f"<tr><td>{html.escape(c['name'])}</td><td>{c['given']:.6g} &plusmn; {c['sigma']:.3g}</td>"
-        f"<td>{c['fitted']:.6g} "
-        f"&plusmn; {c['sd']:.2g}</td></tr>"
-        for c in content["calibration"]
-        if c["kind"] == "calibration"
-    )
-    return (
-        "<h2>The vehicle's own numbers</h2><p>They were free within their stated uncertainty, so what they explain was "
-        f"not called left-out physics.</p><table><tr><th></th><th>given</th><th>fitted</th></tr>{rows}</table>"
-    )
-
-
-def _limits_table(content: dict[str, Any]) -> str:
-    rows = ""
-    for entry in content["not_found"]:
-        sizes = ", ".join(
-            f"{p['shown']['minimum']:.3g} {html.escape(p['shown']['unit'])}"
-            for p in entry["minimum_detectable"]
-            if p["shown"]["minimum"] is not None
-        )
-        if entry["verdict"] == "not_testable":
-            sizes = "cannot be seen in this recording"
-        rows += f"<tr><td>{html.escape(entry['title'])}</td><td>{sizes}</td></tr>"
-    return (
-        "<h2>What was looked for and not found</h2><details><summary>Smallest size of each that would surely have been "
-        f"seen</summary><table><tr><th></th><th>smallest size</th></tr>{rows}</table></details>"
-    )
-
-
-def _sources(content: dict[str, Any]) -> str:
-    e = html.escape
-    rows = "".join(
-        f"<li>{e(x['title'])}: <code>{e(x['equation'])}</code>. {e(x['reference'])}.</li>" for x in content["effects"]
-    )
-    path = "".join(f"<li>{e(line)}</li>" for line in content["search"]["path"]) or "<li>nothing was accepted</li>"
-    return (
-        f"<h2>Equations, sources, and how the search went</h2><ul>{rows}</ul><ul>{path}</ul><p class='small'>"
-        f"{content['search']['candidates']} effects were tried. An effect is accepted at 4.3 nats of evidence beyond "
-        "its prior odds, with the vehicle's calibrations free and noise that is alike within dives and over hours.</p>"
-    )
-
-
-def _picture(pictures: dict[str, bytes], name: str, text: str) -> str:
-    if name not in pictures:
-        return ""
-    data = base64.b64encode(pictures[name]).decode()
-    caption = html.escape(text)
-    image = f"<img alt='{caption}' src='data:image/png;base64,{data}'>"
-    return f"<figure>{image}<figcaption>{caption}</figcaption></figure>"
-
-
-_STYLE = """
-body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem;color:#222}
-.lead{font-size:1.2rem}.small{color:#666;font-size:.85rem}.warn{background:#fff3cd;padding:.5rem .8rem}
-table{border-collapse:collapse;margin:.6rem 0}td,th{border-bottom:1px solid #ddd;padding:.2rem .7rem;text-align:left}
-img{max-width:100%}figure{margin:1rem 0}figcaption{color:#666;font-size:.85rem}
-"""
