@@ -208,6 +208,8 @@ def sentence(place: Place) -> str:
     phase = f"on {place.phase}, " if place.phase else ""
     if place.covariate == "throughout":
         where = "all the time"
+    elif place.covariate == "stroke":
+        where = f"in {place.z:.0f} strokes, {100.0 * place.share:.0f} % of all"
     elif place.covariate == "dive":
         where = f"most between day {place.low:.1f} and {place.high:.1f}"
     else:

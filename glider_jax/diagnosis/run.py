@@ -16,14 +16,17 @@ import jax
 import numpy as np
 
 from glider_jax.config import Mission, Vehicle
-from glider_jax.diagnosis import locate
+from glider_jax.diagnosis import flown, locate, regimes
 from glider_jax.diagnosis.candidates import Candidate
 from glider_jax.diagnosis.confirm import Confirmation, confirm
+from glider_jax.diagnosis.flow import name_flow
+from glider_jax.diagnosis.misses import explain
 from glider_jax.diagnosis.schema import document
-from glider_jax.diagnosis.screen import Pick, Search
+from glider_jax.diagnosis.screen import Search
 from glider_jax.diagnosis.unexplained import Remainder, remainders
 from glider_jax.errors import DataError, did_you_mean
 from glider_jax.inference.fit import make_problem, robust_covariance
+from glider_jax.inference.kinematics import held
 from glider_jax.inference.replay import build_replay
 from glider_jax.inference.streams import Gathered, gather
 from glider_jax.physics.library import TERMS_BY_ID
@@ -70,6 +73,9 @@ def diagnose(
     hold_out: str = "blocks",
     priors: bool = True,
     report: bool = True,
+    whole: bool = False,
+    misses: Sequence[dict[str, Any]] = (),
+    fly: int = 0,
     progress: Callable[[str], None] | None = None,
 ) -> dict[str, Any]:
     """Say what physics a base model left out of a recording.
@@ -83,6 +89,9 @@ def diagnose(
     streams : use these streams alone (``vertical_speed``). noise : ``fitted`` or ``independent``.
     hold_out : ``blocks`` of dives or ``random`` rows. priors : False lets parameters take any size.
     report : write the report and figures beside the numbers.
+    whole : take a recording with a hole of more than half a day as one mission, not as several.
+    misses : cases of a hindcast, to be set beside what was named.
+    fly : members that fly the mission with the base model and with what was named; 0 flies none.
     progress : is told what is being done.
 
     Raises
@@ -105,13 +114,29 @@ def diagnose(
         "only": list(only), "exclude": list(exclude), "streams": list(streams or ()), "noise": noise,
         "hold_out": hold_out, "priors": priors,
     }  # fmt: skip
+    parts = [recording] if whole else regimes.split(recording)
     with jax.enable_x64(True):
-        found = _find(recording, vehicle, mission, currents, bathymetry, settings, tell)
-    found.seconds = time.perf_counter() - began
-    content = document(found)
+        findings = [_find(part, vehicle, mission, currents, bathymetry, settings, tell) for part in parts]
+        contents = []
+        for found in findings:
+            found.seconds = time.perf_counter() - began
+            contents.append(document(found))
+            name_flow(found, contents[-1])
+    content = regimes.join(contents, [regimes.levels(one) for one in findings]) if len(parts) > 1 else contents[0]
+    if misses:
+        content["forecast_misses"] = explain(list(misses), found, content)
+    if fly and content["effects"]:
+        tell("ensemble before and after")
+        after = flown.fitted(vehicle, content["effects"])
+        content["ensemble"] = flown.compare(
+            found.recording, vehicle, after, mission, currents, bathymetry, members=fly
+        )
+    content["seconds"] = round(time.perf_counter() - began, 2)
     if out is not None:
         from glider_jax.diagnosis.report import write
 
+        for number, (one, told) in enumerate(zip(findings[:-1], contents[:-1], strict=True), start=1):
+            write(Path(out) / f"mission-{number}", one, told, report=report)
         write(Path(out), found, content, report=report)
     return content
 
@@ -148,7 +173,7 @@ def _find(recording, vehicle, mission, currents, bathymetry, settings, tell) -> 
             "pumped volume and GPS fixes is the least that can be diagnosed."
         )
     tell(f"{sum(s.n for s in gathered.streams)} measurements in {len(gathered.streams)} streams")
-    replay = build_replay(gathered, vehicle, 2.0 if settings["priors"] else 100.0)
+    replay = build_replay(gathered, held(vehicle, recording), 2.0 if settings["priors"] else 100.0)
     search = _Settled(make_problem(gathered, replay), settings, tell)
     search.run()
     tell("held-out dives")
@@ -234,10 +259,9 @@ class _Settled(Search):
             candidate = next((c for c in self.candidates if c.id == id), None)
             if candidate is not None:
                 active = self.active
-                gain, variant = self._gain(candidate, active, self.linear.score(active))
-                self.picks.append(Pick(candidate, variant, gain))
+                self.picks.append(self.pick(candidate, active, self.linear.score(active)))
         self.relinearise()
-        self.refine()
+        self.relinearise(learn_noise=False)
 
 
 __all__ = ["Finding", "diagnose"]

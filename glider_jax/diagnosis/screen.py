@@ -7,12 +7,22 @@ class, with what would decide.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from glider_jax.diagnosis.candidates import Candidate, Looks, Variant
-from glider_jax.inference.fit import TIDES, Linear, Problem, heaving, linearise, rows_of, stack
+from glider_jax.inference.fit import (
+    TIDES,
+    Linear,
+    Problem,
+    converged,
+    heaving,
+    inadequacy,
+    linearise,
+    rows_of,
+    stack,
+)
 from glider_jax.inference.noise import fit_noise
 
 #: nats: evidence beyond prior odds that accepts, below which an accepted one is dropped, that a swap must gain, and
@@ -25,11 +35,15 @@ MOST_EFFECTS, MOST_MOVES = 6, 14
 
 @dataclass(frozen=True)
 class Pick:
-    """An accepted candidate, its best variant and the evidence for it in nats."""
+    """An accepted candidate, its best variant and the evidence for it in nats.
+
+    ``looked`` is what averaging over its shapes costs against the best one alone, nats, at most 0.
+    """
 
     candidate: Candidate
     variant: Variant
     evidence: float
+    looked: float = 0.0
 
 
 class Search:
@@ -44,12 +58,15 @@ class Search:
         self.path: list[str] = []
         self.linear: Linear | None = None
         self.firsts: dict[str, float] = {}
+        self.known: dict[tuple, float] = {}
 
     def run(self) -> None:
         """Search until nothing more is worth accepting, dropping or swapping."""
         self.progress("derivatives of every effect")
         self.looks.prepare()
         self.relinearise(harden=2)
+        # Calibrations and nuisances are not all linear: once more where they came to rest.
+        self.relinearise()
         self.firsts = {c.id: self._gain(c, self.fixed, self.base)[0] for c in self.candidates}
         for _ in range(MOST_MOVES):
             if not self._move():
@@ -63,15 +80,20 @@ class Search:
         return True
 
     def refine(self) -> None:
-        """One more Gauss-Newton step at the accepted set; what is worth nothing there is dropped."""
-        if self.picks:
+        """Go on at the accepted set until nothing changes; what is worth nothing there is dropped."""
+        for _ in range(MOST_EFFECTS):
+            if not self.picks:
+                return
             self.relinearise(learn_noise=False)
-            self.prune()
+            if not self.prune():
+                return
 
     def relinearise(self, harden: int = 0, learn_noise: bool = True) -> None:
         """Step to the fitted values of the accepted effects and make the linear problem anew there."""
         if self.linear is not None:
             self._step()
+        if learn_noise:
+            self.known = {}
         periods = tuple(t for t in TIDES if t < self.looks.duration)
         beside = stack(
             self.problem, {"vertical speed": heaving(self.problem.gathered, periods, 0.01)}, 2 * len(periods)
@@ -114,7 +136,7 @@ class Search:
             columns = tuple(
                 i for i, c in enumerate(self.linear.labels) if c.variant == 0 and c.unknown in own
             )  # fmt: skip
-            fresh.append(Pick(candidate, Variant(columns, 0.0, pick.variant.shapes), pick.evidence))
+            fresh.append(replace(pick, candidate=candidate, variant=Variant(columns, 0.0, pick.variant.shapes)))
         self.picks = fresh
 
     @property
@@ -142,17 +164,40 @@ class Search:
         return self.fixed + [i for n, pick in enumerate(self.picks) if n != k for i in pick.variant.columns]
 
     def losses(self) -> list[float]:
-        """Evidence that each accepted effect would cost to drop, its prior odds included."""
-        whole = self.linear.score(self.active)
+        """Evidence that each accepted effect would cost to drop, prior odds and looks elsewhere included.
+
+        Each set, with and without, is judged where its own fit comes to rest: extrapolated from the fitted values an
+        effect that is far from linear would seem to be worth more than it is.
+        """
+        whole = self._rest(self.picks)
         return [
-            whole - self.linear.score(self._without(k)) + pick.candidate.log_odds for k, pick in enumerate(self.picks)
+            whole - self._rest([p for p in self.picks if p is not pick]) + pick.candidate.log_odds + pick.looked
+            for pick in self.picks
         ]
+
+    def _worth(self, k: int) -> float:
+        """Evidence for an accepted effect beside the others in the linear problem as it stands."""
+        pick = self.picks[k]
+        gain = self.linear.score(self.active) - self.linear.score(self._without(k))
+        return gain + pick.candidate.log_odds + pick.looked
+
+    def _rest(self, picks: list[Pick]) -> float:
+        """Evidence of some effects at their converged fit, under the noise as it is."""
+        key = tuple(sorted((p.candidate.id, tuple(sorted(p.variant.shapes.items()))) for p in picks))
+        if key not in self.known:
+            labels = self.linear.labels
+            chosen = self.fixed + [i for pick in picks for i in pick.variant.columns]
+            own = sorted({labels[i].unknown for i in chosen if labels[i].unknown >= 0})
+            shapes = {k: v for pick in picks for k, v in pick.variant.shapes.items()}
+            beside = inadequacy(self.problem.gathered) if "vertical speed" in self.problem.names else {}
+            self.known[key], _ = converged(self.problem, own, beside, self.problem.values, shapes)
+        return self.known[key]
 
     def alternatives(self, k: int) -> list[tuple[str, float]]:
         """Effects that would explain as well in place of an accepted one: id and nats behind it (negative: ahead)."""
         without = self._without(k)
         base = self.linear.score(without)
-        mine = self.losses()[k]
+        mine = self._worth(k)
         taken = {pick.candidate.id for pick in self.picks}
         found = []
         for candidate in self.candidates:
@@ -162,18 +207,32 @@ class Search:
                     found.append((candidate.id, mine - gain))
         return sorted(found, key=lambda pair: pair[1])
 
-    def prune(self) -> None:
-        """Drop accepted effects that lost their evidence, the weakest first."""
-        while self.picks and min(self.losses()) < DROP:
-            worst = int(np.argmin(self.losses()))
-            self.path.append(f"dropped {self.picks[worst].candidate.id} ({self.losses()[worst]:.1f} nats)")
+    def prune(self) -> bool:
+        """Drop accepted effects that lost their evidence, the weakest first; whether any was."""
+        before = len(self.picks)
+        while self.picks:
+            losses = self.losses()
+            worst = int(np.argmin(losses))
+            doubted = losses[worst] < CLEAR and not self._still(worst)
+            if losses[worst] >= DROP and not doubted:
+                break
+            self.path.append(f"dropped {self.picks[worst].candidate.id} ({losses[worst]:.1f} nats)")
             del self.picks[worst]
             self.relinearise(learn_noise=False)
+        return len(self.picks) < before
+
+    def _still(self, k: int) -> bool:
+        """Whether an accepted effect is still better than the noise that its absence would ask for."""
+        pick = self.picks[k]
+        picks, self.picks = self.picks, [p for p in self.picks if p is not pick]
+        stands = self._stands(pick.candidate, replace(pick.variant, log_weight=pick.looked), DROP)
+        self.picks = picks
+        return stands
 
     def _move(self) -> bool:
         """One backward, swap or forward move; False where none is worth it."""
         if self.picks:
-            losses = self.losses()
+            losses = [self._worth(k) for k in range(len(self.picks))]
             worst = int(np.argmin(losses))
             if losses[worst] < DROP:
                 self.path.append(f"dropped {self.picks[worst].candidate.id} ({losses[worst]:.1f} nats)")
@@ -181,7 +240,7 @@ class Search:
                 return True
             for k in range(len(self.picks)):
                 better = [a for a in self.alternatives(k) if a[1] < -SWAP]
-                if better and self._swap(k, better[0][0], -better[0][1]):
+                if better and self._swap(k, better[0][0]):
                     return True
         taken = {pick.candidate.id for pick in self.picks}
         if len(self.picks) >= MOST_EFFECTS:
@@ -196,10 +255,16 @@ class Search:
         else:
             return False
         self.path.append(f"accepted {candidate.id} ({gain:.1f} nats)")
-        self.picks.append(Pick(candidate, variant, gain))
+        self.picks.append(self.pick(candidate, active, base))
         return True
 
-    def _stands(self, candidate: Candidate, variant: Variant) -> bool:
+    def pick(self, candidate: Candidate, active: list[int], base: float) -> Pick:
+        """A candidate with its best variant, as it looks beside some active columns."""
+        gain, variant = self._gain(candidate, active, base)
+        alone = self.linear.score(active + list(variant.columns)) - base + candidate.log_odds
+        return Pick(candidate, variant, gain, min(gain - alone, 0.0))
+
+    def _stands(self, candidate: Candidate, variant: Variant, least: float = ACCEPT) -> bool:
         """Whether a weak candidate is also better than the noise law that its absence asks for.
 
         The noise was sized with the whole library integrated out; without the candidate it may be larger, and explain
@@ -220,18 +285,27 @@ class Search:
                 reached.append(fit_noise(noise, self.linear.raw[rows], mine[:, active], rounds=80))
             noise.sizes = kept
             total += reached[1] - reached[0]
-        if total <= ACCEPT:
+        if total <= least:
             self.path.append(f"refused {candidate.id}: larger noise explains as much ({total:.1f} nats)")
-        return total > ACCEPT
+        return total > least
 
-    def _swap(self, k: int, id: str, gain: float) -> bool:
+    def _swap(self, k: int, id: str) -> bool:
         line = f"swapped {self.picks[k].candidate.id} for {id}"
         back = f"swapped {id} for {self.picks[k].candidate.id}"
         if any(done.startswith((line, back)) for done in self.path):
             return False
+        if ("kept", self.picks[k].candidate.id, id) in self.known:
+            return False
         candidate = next(c for c in self.candidates if c.id == id)
         without = self._without(k)
-        evidence, variant = self._gain(candidate, without, self.linear.score(without))
+        mine, other = self.picks[k], self.pick(candidate, without, self.linear.score(without))
+        changed = [other if p is mine else p for p in self.picks]
+        gain = self._rest(changed) - self._rest(self.picks)
+        gain += candidate.log_odds + other.looked - mine.candidate.log_odds - mine.looked
+        if gain < SWAP:
+            self.path.append(f"kept {mine.candidate.id} before {id} ({gain:.1f} nats)")
+            self.known[("kept", mine.candidate.id, id)] = gain
+            return False
         self.path.append(f"{line} ({gain:.1f} nats)")
-        self.picks[k] = Pick(candidate, variant, evidence)
+        self.picks = changed
         return True

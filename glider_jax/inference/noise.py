@@ -50,10 +50,10 @@ class SeriesNoise:
         self.laws = (
             Law("white", _WHITE.get(s.name, 0.3 * spread), 3.0),
             Law("offset", _WHITE.get(s.name, 0.3 * spread), 4.0),
-            Law("slow", _WHITE.get(s.name, 0.3 * spread), 4.0),
-            Law("time", 4.0 * 3600.0, 3.0),
+            Law("slow", *_SLOW.get(s.name, (_WHITE.get(s.name, 0.3 * spread), 4.0))),
+            Law("time", *_SLOWNESS.get(s.name, (4.0 * 3600.0, 3.0))),
         )
-        self.floor = floor
+        self.floor = self.least = floor
         self.sizes = np.log([law.median for law in self.laws])
         if self.inflation is None:
             self.inflation = np.ones(s.n)
@@ -73,16 +73,17 @@ class SeriesNoise:
         order = self.order
         if self.n <= DENSE:
             return self._dense(columns, variance, offset, slow, tau)
-        width = columns.shape[1]
-        padded = np.zeros((self.n, -(-width // 128) * 128))
-        padded[:, :width] = columns[order]
+        width, long = columns.shape[1], -(-self.n // 2048) * 2048
+        padded = np.zeros((long, -(-width // 128) * 128))
+        padded[: self.n, :width] = columns[order]
+        more = (0, long - self.n)
         found, logs = _innovations(
-            jnp.asarray(padded), jnp.asarray(self.lapse), jnp.asarray(self.fresh),
-            jnp.asarray(variance[order]), offset**2, slow**2, tau,
+            jnp.asarray(padded), np.pad(self.lapse, more), np.pad(self.fresh, more),
+            np.pad(variance[order], more, constant_values=1.0), offset**2, slow**2, tau,
         )  # fmt: skip
         out = np.empty_like(columns)
-        out[order] = np.asarray(found)[:, :width]
-        return out, 0.5 * float(logs)
+        out[order] = np.asarray(found)[: self.n, :width]
+        return out, 0.5 * float(np.asarray(logs)[: self.n].sum())
 
     def _dense(self, columns: Array, variance: Array, offset: float, slow: float, tau: float) -> tuple[Array, float]:
         time, group = self.stream.time, self.stream.group
@@ -114,6 +115,10 @@ _WHITE = {
     "hotel power, climbs": 0.02, "surface power": 0.05, "battery voltage": 0.01, "turn depth": 0.5, "water depth": 1.0,
     "depth at the surface": 0.05, "surface stay": 30.0, "charge counter": 0.002, "speed through water": 0.01,
 }  # fmt: skip
+#: s and factor; the water heaves within minutes, instruments and loads wander within hours.
+_SLOWNESS = {"vertical speed": (900.0, 4.0)}
+#: An acoustic profiler states 0.3 % and 0.3 cm/s: what it is wrong by for hours is little beside its scatter.
+_SLOW = {"speed through water": (0.003, 2.0)}
 #: Below this no instrument of a glider is exact; added to the white part.
 _FLOOR = {
     "vertical speed": 3e-4, "pump out energy": 1.0, "pump in energy": 1.0, "hotel power, dives": 0.002,
@@ -145,7 +150,7 @@ def _innovations(columns, lapse, fresh, variance, offset, slow, tau):
 
     start = (jnp.zeros((2, columns.shape[1])), jnp.stack([slow, 0.0 * slow, offset]))
     _, (found, logs) = jax.lax.scan(step, start, (columns, fade, fresh, variance), unroll=4)
-    return found, logs.sum()
+    return found, logs
 
 
 @dataclass
@@ -190,7 +195,7 @@ class CourseNoise:
         self.mean /= self.mean.sum(axis=1, keepdims=True)
         self.at_surface = np.arange(place) >= (self.displacement[0].n if self.displacement else 0)
         self.weight = np.concatenate([p[0].weight for p in pairs])
-        self.one = place
+        self.one, self.least = place, 1e-3
         if self.inflation is None:
             self.inflation = np.ones(place)
         # Rows arrive as displacement east, north, drift east, north; components are whitened one by one.
@@ -250,7 +255,7 @@ def fit_noise(noise: Noise, residual: Array, columns: Array, rounds: int = 160) 
     residual : (n,) observed minus predicted, in the law's order of streams.
     columns : (n, k) derivatives by the unknowns that are integrated out, per prior sd of each.
     """
-    columns = _condense(columns)
+    columns = _condense(columns, noise.least)
 
     def cost(sizes: Array) -> float:
         if np.abs(sizes - centre).max() > 9.0:
@@ -261,26 +266,29 @@ def fit_noise(noise: Noise, residual: Array, columns: Array, rounds: int = 160) 
             return 1e12
 
     centre = np.log([law.median for law in noise.laws])
+    # Where the sizes were found before, they have not gone far.
+    near = not np.allclose(noise.sizes, centre)
+    simplex = _simplex(noise.sizes, 0.25 if near else 0.7)
     found = minimize(
         cost, noise.sizes, method="Nelder-Mead",
-        options={"maxfev": rounds, "xatol": 0.02, "fatol": 0.05, "initial_simplex": _simplex(noise.sizes)},
+        options={"maxfev": rounds // 2 if near else rounds, "xatol": 0.02, "fatol": 0.05, "initial_simplex": simplex},
     )  # fmt: skip
     noise.sizes = found.x
     return -float(found.fun)
 
 
-def _simplex(start: Array) -> Array:
-    return np.vstack([start, start + 0.7 * np.eye(start.size)])
+def _simplex(start: Array, reach: float) -> Array:
+    return np.vstack([start, start + reach * np.eye(start.size)])
 
 
-def _condense(columns: Array) -> Array:
-    """Fewer columns of nearly the same span and prior: singular directions that can be told from nothing."""
+def _condense(columns: Array, least: float) -> Array:
+    """Fewer columns of nearly the same span and prior: directions that noise of size ``least`` lets be seen."""
     columns = columns[:, np.abs(columns).max(axis=0) > 0.0] if columns.size else columns
     if columns.shape[1] < 3:
         return columns
     normal = columns.T @ columns
     values, vectors = np.linalg.eigh(normal)
-    keep = values > 1e-9 * values.max()
+    keep = values > max(1e-9 * values.max(), 0.01 * least**2)
     return columns @ vectors[:, keep]
 
 

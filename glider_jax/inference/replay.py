@@ -2,8 +2,10 @@
 
 Imports JAX and the physics. One smooth pure function of the parameters, without a switch: pitch, pumped volume,
 heading, water and surfacing times come from the recording. A newcomer would get wrong: depth is an input as well as an
-observation, the density and pressure at the *recorded* depth drive the model and its *rate* is compared; and unknowns
-are counted in units of their prior standard deviation, so that every column of a Jacobian is comparable.
+observation, the density and pressure at the *recorded* depth drive the model and its *rate* is compared; what lags
+behind the forces is the speed along the path, while the path follows the pitch at once; and unknowns are counted in
+units of their prior standard deviation, so that every column of a Jacobian is comparable. Arrays are filled up to
+common lengths and all numbers are traced, so that one compiled program serves all recordings with the same streams.
 """
 
 from __future__ import annotations
@@ -17,7 +19,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from glider_jax.config import Vehicle
+from glider_jax.inference.filled import LEAST_WINDOWS, fill, ladder
+from glider_jax.inference.instruments import FROM_FLOOR
 from glider_jax.inference.streams import Gathered, Inputs, Sizes
+from glider_jax.inference.unknowns import AXIAL, GAUGE_DEPTH, NUISANCES, RESPONSE_SHARE, Unknown, groups_of
 from glider_jax.physics.battery import Pack, build_pack
 from glider_jax.physics.flight import Glide, steady_glide
 from glider_jax.physics.library import LIBRARY
@@ -33,103 +38,55 @@ from glider_jax.physics.model import (
 from glider_jax.physics.term import Channel, Sample, declared
 from glider_jax.records import Array
 
-#: Streams by what predicts them, in order.
-MOTION = (
-    "vertical speed",
-    "displacement east",
-    "displacement north",
-    "surface drift east",
-    "surface drift north",
-    "speed through water",
-)
-POWER = (
-    "pump out energy",
-    "pump in energy",
-    "hotel power, dives",
-    "hotel power, climbs",
-    "surface power",
-    "battery voltage",
-    "turn depth",
-    "water depth",
-    "depth at the surface",
-    "surface stay",
-    "charge counter",
-)
 
-_FLIGHT = frozenset({
-    Channel.NET_BUOYANCY, Channel.DRAG_COEFFICIENT, Channel.INDUCED_DRAG, Channel.LIFT_SLOPE, Channel.LOG_DRAG,
-    Channel.LOG_LIFT, Channel.THRUST, Channel.PITCH, Channel.RESPONSE_TIME, Channel.VERTICAL_WATER_VELOCITY,
-})  # fmt: skip
-_COURSE = frozenset({
-    Channel.CURRENT_EAST, Channel.CURRENT_NORTH, Channel.SURFACE_DRIFT_EAST, Channel.SURFACE_DRIFT_NORTH,
-    Channel.HEADING,
-})  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Nuisance:
-    """A number beside the physics that is never known exactly and always projected out; ``sd`` in ``unit``."""
-
-    name: str
-    sd: float
-    unit: str
-    group: str
-    text: str
-
-
-NUISANCES: tuple[Nuisance, ...] = (
-    Nuisance("inflection way", 0.06, "1", "flight", "way made good while turning, share beyond the model's"),
-    Nuisance("gauge at the surface", 0.1, "m", "power", "depth of the pressure gauge while surfaced, about 0.3 m"),
-    Nuisance("turn", 3.0, "m", "power", "how far a dive runs past the depth at which it was told to turn"),
-    Nuisance("stay", 150.0, "s", "power", "time at the surface beyond the plan"),
-    Nuisance("open circuit", 0.05, "V", "power", "open-circuit voltage against the pack's curve"),
-    Nuisance("charge", 0.05, "1", "power", "fall of the voltage against the pack's curve, share"),
-    Nuisance("chart", 8.0, "m", "power", "water depth against the chart"),
-)
-GAUGE_DEPTH = 0.3
-
-
-@dataclass(frozen=True)
-class Unknown:
-    """One coordinate of the inference: value = centre + scale x z with z standard normal before the data.
-
-    ``kind`` is ``candidate`` (an amplitude of a term of the library), ``calibration`` (a number of the vehicle file
-    with a sigma) or ``nuisance``. ``groups`` say which predictions it moves: ``flight``, ``course``, ``power``.
-    """
-
-    name: str
-    term: str
-    kind: str
-    centre: float
-    scale: float
-    groups: frozenset[str]
-    lower: float = -np.inf
-    upper: float = np.inf
-
-
-class Replay(eqx.Module):
-    """The full model, inputs and unknowns; call :meth:`predict` and :meth:`jacobian` under 64-bit precision."""
+class Program(eqx.Module):
+    """What is compiled: model, inputs filled up to common lengths, and scales; names and lengths alone are static."""
 
     model: FlightModel
     pack: Pack
     inputs: Inputs
+    scales: Array
     sizes: Sizes = eqx.field(static=True)
     names: tuple[str, ...] = eqx.field(static=True)
-    unknowns: tuple[Unknown, ...] = eqx.field(static=True)
-    streams: tuple[str, ...] = eqx.field(static=True)
+    groups: tuple[frozenset[str], ...] = eqx.field(static=True)
+
+
+@dataclass(frozen=True)
+class Replay:
+    """The full model, inputs and unknowns; call :meth:`predict` and :meth:`jacobian` under 64-bit precision.
+
+    ``places`` says where each stream's numbers lie in what the program returns.
+    """
+
+    program: Program
+    unknowns: tuple[Unknown, ...]
+    places: dict[str, tuple[str, slice]]
+
+    @property
+    def model(self) -> FlightModel:
+        """The vehicle's model with every term of the library."""
+        return self.program.model
+
+    @property
+    def streams(self) -> tuple[str, ...]:
+        """Names of the streams."""
+        return tuple(self.places)
 
     def predict(self, values: Array, shapes: dict[str, Any] | None = None) -> dict[str, Array]:
         """Every stream, for the values of all unknowns (in their units) and of shape parameters."""
-        found = _predict(self, jnp.asarray(values), self._whole(shapes))
-        return {name: np.asarray(found[name]) for name in self.streams}
+        return self._cut(_predict(self.program, jnp.asarray(values), self._whole(shapes)))
 
     def jacobian(
         self, values: Array, shapes: dict[str, Any] | None = None
     ) -> tuple[dict[str, Array], dict[str, Array]]:
         """Predictions, and their derivatives by all unknowns, (n, unknowns) per unit of each unknown's scale."""
-        found, columns = _jacobian(self, jnp.asarray(values), self._whole(shapes))
-        pick = {name: np.asarray(found[name]) for name in self.streams}
-        return pick, {name: np.asarray(columns[name]) for name in self.streams}
+        found, columns = _jacobian(self.program, jnp.asarray(values), self._whole(shapes))
+        return self._cut(found), self._cut(columns)
+
+    def _cut(self, found: dict[str, Any]) -> dict[str, Array]:
+        """Streams without what filled them up."""
+        whole = {name: np.asarray(value) for name, value in found.items()}
+        return {name: whole[part][rows] for name, (part, rows) in self.places.items()}
 
     def _whole(self, shapes: dict[str, Any] | None) -> dict[str, Any]:
         """All shape parameters as arrays, so that other values never trace anew."""
@@ -169,7 +126,7 @@ def build_replay(gathered: Gathered, vehicle: Vehicle, prior_width: float = 2.0)
                     "candidate",
                     0.0,
                     prior_width * info.prior.sd,
-                    _groups(kind.info.channels),
+                    groups_of(kind.info.channels),
                     lower,
                     upper,
                 )  # fmt: skip
@@ -177,47 +134,76 @@ def build_replay(gathered: Gathered, vehicle: Vehicle, prior_width: float = 2.0)
     model = with_parameters(model, zeros)
     infos = parameter_infos(base)
     known = sigmas(base, vehicle)
-    # No vehicle file states how well the response time is known; its declaration does.
-    known.setdefault("flight.response_time", infos["flight.response_time"].prior.sd)
+    centres = {name: float(_value(base, name)) for name in known if name in infos}
+    if "flight.response_time" not in vehicle.quantities:
+        centres["flight.response_time"] = response_of(gathered, base)
+        known["flight.response_time"] = RESPONSE_SHARE * centres["flight.response_time"]
     owners = {f"{t.info.id}": t for t in base.terms}
     for name, sigma in known.items():
         if name not in infos or name == "flight.pump_rate":
             continue
         channels = _channels_of(name, owners)
-        unknowns.append(Unknown(name, name, "calibration", float(_value(base, name)), sigma, _groups(channels)))
+        unknowns.append(Unknown(name, name, "calibration", centres[name], sigma, groups_of(channels)))
     there = {s.name for s in gathered.streams}
     wanted = {
-        "inflection way": "displacement east", "gauge at the surface": "depth at the surface", "turn": "turn depth",
-        "stay": "surface stay", "open circuit": "battery voltage", "charge": "battery voltage", "chart": "water depth",
+        "inflection way": "displacement east", "pitch wander": "vertical speed", "pitch delay": "vertical speed",
+        "wander lag": "vertical speed", "lag of rate": "vertical speed", "turn": "turn depth",
+        "turn on altitude": "turn depth", "gauge at the surface": "depth at the surface", "stay": "surface stay",
+        "open circuit": "battery voltage", "charge": "battery voltage", "chart": "water depth",
     }  # fmt: skip
     for one in NUISANCES:
         if wanted[one.name] in there:
             # A general curve of a kind of pack is not this pack's; two points were given for this very one.
             loose = 8.0 if wanted[one.name] == "battery voltage" and len(vehicle.battery.voltage_curve) > 2 else 1.0
             unknowns.append(Unknown(one.name, one.name, "nuisance", 0.0, loose * one.sd, frozenset({one.group})))
-    return Replay(
-        model=model,
-        pack=build_pack(vehicle.battery, dtype=np.float64),
-        inputs=jax.tree.map(jnp.asarray, gathered.inputs),
-        sizes=gathered.sizes,
-        names=tuple(u.name for u in unknowns if u.kind != "nuisance"),
-        unknowns=tuple(unknowns),
-        streams=tuple(s.name for s in gathered.streams),
+    return Replay(_program(gathered, model, vehicle, unknowns), tuple(unknowns), _places(gathered))
+
+
+def response_of(gathered: Gathered, base: FlightModel) -> float:
+    """Time in s in which the speed along the path answers: (1 + k) m U over twice the drag, as recorded."""
+    rows = gathered.rows
+    rate = np.abs(np.gradient(rows.depth, rows.time))[rows.settled]
+    if rate.size < 30:
+        return _value(base, "flight.response_time")
+    mass, parasite, induced, lift, area = (
+        _value(base, f"flight.{name}") for name in ("mass", "parasite_drag", "induced_drag", "lift_slope", "wing_area")
+    )
+    pitch = float(np.median(np.abs(rows.pitch[rows.settled])))
+    attack = 0.03
+    for _ in range(8):
+        attack = min((parasite + induced * attack * attack) / (lift * np.tan(pitch + attack)), 0.3)
+    speed = float(np.median(rate)) / np.sin(pitch + attack)
+    density = float(np.median(rows.density[rows.settled]))
+    drag = density * area * (parasite + induced * attack * attack) * max(speed, 0.05)
+    return float(np.clip((1.0 + AXIAL) * mass / drag, 4.0, 30.0))
+
+
+def _program(gathered: Gathered, model: FlightModel, vehicle: Vehicle, unknowns: list[Unknown]) -> Program:
+    filled = jax.tree.map(jnp.asarray, fill(gathered.inputs))
+    return Program(
+        model=jax.tree.map(jnp.asarray, model),
+        pack=jax.tree.map(jnp.asarray, build_pack(vehicle.battery, dtype=np.float64)),
+        inputs=filled,
+        scales=jnp.asarray([u.scale for u in unknowns], jnp.float64),
+        sizes=Sizes(ladder(gathered.sizes.window, LEAST_WINDOWS), *(ladder(n) for n in gathered.sizes[1:])),
+        names=tuple(u.name for u in unknowns),
+        groups=tuple(u.groups for u in unknowns),
     )
 
 
-def _groups(channels) -> frozenset[str]:
-    found = set()
-    for channel in channels:
-        if channel in _FLIGHT:
-            found.add("flight")
-        elif channel in _COURSE or channel is Channel.LOG_SPEED:
-            found.add("flight" if channel is Channel.LOG_SPEED else "course")
-        elif channel is Channel.PRESSURE_OFFSET:
-            found |= {"flight", "power"}
-        else:
-            found.add("power")
-    return frozenset(found)
+def _places(gathered: Gathered) -> dict[str, tuple[str, slice]]:
+    """Part of the program's answer and rows in it, for every stream there is."""
+    sizes = gathered.sizes
+    joined = {
+        "pump out energy": ("strokes", 0), "pump in energy": ("strokes", sizes.out),
+        "hotel power, dives": ("loads", 0), "hotel power, climbs": ("loads", sizes.dives),
+        "surface power": ("loads", sizes.dives + sizes.climbs),
+    }  # fmt: skip
+    found = {}
+    for stream in gathered.streams:
+        part, first = joined.get(stream.name, (stream.name, 0))
+        found[stream.name] = (part, slice(first, first + stream.n))
+    return found
 
 
 def _channels_of(name: str, owners: dict[str, Any]):
@@ -238,10 +224,10 @@ def _sample(fields: dict[str, Any]) -> Sample:
     return Sample(*(filled.get(n, jnp.full(size, jnp.asarray(getattr(rest, n), jnp.float64))) for n in Sample._fields))
 
 
-def _set(replay: Replay, values: Any, shapes: dict[str, Any]) -> tuple[FlightModel, dict[str, Any]]:
-    named = {u.name: values[i] for i, u in enumerate(replay.unknowns)}
+def _set(program: Program, values: Any, shapes: dict[str, Any]) -> tuple[FlightModel, dict[str, Any]]:
+    named = {name: values[i] for i, name in enumerate(program.names)}
     extra = {n.name: named.pop(n.name, jnp.zeros(())) for n in NUISANCES}
-    return with_parameters(replay.model, {**named, **shapes}), extra
+    return with_parameters(program.model, {**named, **shapes}), extra
 
 
 def _total(model: FlightModel, channel: Channel, sample: Sample) -> Any:
@@ -281,16 +267,32 @@ def _glide(model: FlightModel, sample: Sample) -> Glide:
     )
 
 
-def _motion(replay: Replay, values: Any, shapes: dict[str, Any]) -> dict[str, Any]:
-    """Vertical speed, displacements, drifts and speed through water."""
-    model, extra = _set(replay, values, shapes)
-    inputs, sizes = replay.inputs, replay.sizes
+def _motion(program: Program, values: Any, shapes: dict[str, Any]) -> dict[str, Any]:
+    """Vertical speed, displacements, drifts and speed through water.
+
+    The speed along the path answers to the forces with a lag, the path itself follows the pitch. Pitch that wanders
+    within a half yo moves the path as much as a nuisance leaves open, so that only half yos that differ teach lift.
+    """
+    model, extra = _set(program, values, shapes)
+    inputs, sizes = program.inputs, program.sizes
     sample = _sample(inputs.rows)
+    stray = extra["pitch wander"] * inputs.wander + extra["pitch delay"] * inputs.wander_rate
+    sample = sample._replace(pitch=sample.pitch + stray)
     wet = inputs.direction != 0.0
     glide = jax.vmap(lambda row: _glide(model, row))(sample)
     tau = _total(model, Channel.RESPONSE_TIME, sample)
-    steady = jnp.stack([jnp.where(wet, glide.depth_rate, 0.0), jnp.where(wet, glide.horizontal_speed, 0.0)], axis=1)
-    rate, forward = _respond(steady, inputs.step, tau)
+    water = _total(model, Channel.VERTICAL_WATER_VELOCITY, sample)
+    down, ahead = -jnp.sin(glide.glide_angle), jnp.cos(glide.glide_angle)
+    steady = jnp.where(wet, glide.speed_through_water, 0.0)
+    # What the wander does to the speed answers in a time of its own: what is recorded of it is blurred.
+    path = jnp.maximum(jnp.abs(glide.glide_angle), 0.05)
+    usual = jnp.maximum(path - inputs.wander * jnp.sign(glide.glide_angle), 0.05)
+    calm = steady * jnp.sqrt(jnp.sin(usual) / jnp.sin(path))
+    times = jnp.stack([tau, tau + extra["wander lag"], tau], axis=1)
+    base, rest, lagged = _respond(jnp.stack([calm, steady - calm, steady * down], axis=1), inputs.step, times)
+    speed = base + rest
+    rate = speed * down + extra["lag of rate"] * (lagged - speed * down) - jnp.where(wet, water, 0.0)
+    forward = speed * ahead * jnp.exp(_total(model, Channel.LOG_SPEED, sample))
     found = {}
 
     def recorded(s: Sample) -> Any:
@@ -302,7 +304,7 @@ def _motion(replay: Replay, values: Any, shapes: dict[str, Any]) -> dict[str, An
         summed = jax.ops.segment_sum(inputs.window_weight * rate * gauge, slot, sizes.window + 1)
         found["vertical speed"] = summed[:-1]
     if inputs.speeds.size:
-        found["speed through water"] = glide.speed_through_water[inputs.speeds]
+        found["speed through water"] = speed[inputs.speeds]
     if sizes.course or sizes.drift:
         settled = inputs.window >= 0
         forward = forward * jnp.where(wet & ~settled, 1.0 + extra["inflection way"], 1.0)
@@ -326,11 +328,12 @@ def _motion(replay: Replay, values: Any, shapes: dict[str, Any]) -> dict[str, An
     return found
 
 
-def _respond(steady: Any, step: Any, tau: Any) -> tuple[Any, Any]:
-    """Mean over each step of a first-order response to the steady values, which change linearly within a step."""
+def _respond(steady: Any, step: Any, tau: Any) -> tuple[Any, ...]:
+    """Mean over each step of a first-order response to steady values (n, k), each with its time; k arrays (n,)."""
     before = jnp.concatenate([steady[:1], steady[:-1]])
     drive = 0.5 * (before + steady)
     tau = jnp.maximum(tau, 0.5)
+    step = step[:, None]
     decay = jnp.exp(-step / tau)
     held = jnp.where(step > 0.0, tau * (1.0 - decay) / jnp.where(step > 0.0, step, 1.0), 1.0)
 
@@ -340,13 +343,13 @@ def _respond(steady: Any, step: Any, tau: Any) -> tuple[Any, Any]:
         return target + (state - target) * fall, mean
 
     _, mean = jax.lax.scan(advance, steady[0], (drive, decay, held), unroll=8)
-    return mean[:, 0], mean[:, 1]
+    return tuple(mean.T)
 
 
-def _power(replay: Replay, values: Any, shapes: dict[str, Any]) -> dict[str, Any]:
+def _power(program: Program, values: Any, shapes: dict[str, Any]) -> dict[str, Any]:
     """Energy, power, voltage, turning depths and what else the instruments say."""
-    model, extra = _set(replay, values, shapes)
-    inputs = replay.inputs
+    model, extra = _set(program, values, shapes)
+    inputs = program.inputs
     found: dict[str, Any] = {}
 
     def shown(sample: Sample, power: Any) -> Any:
@@ -364,22 +367,17 @@ def _power(replay: Replay, values: Any, shapes: dict[str, Any]) -> dict[str, Any
             + _total(model, Channel.HOTEL_POWER, sample._replace(direction=jnp.full_like(sample.depth, 1.0)))
         )
         seconds = inputs.event_seconds
-        total = shown(sample, (energy + dive * seconds) / seconds) * seconds
-        count = replay.sizes.out
-        found["pump out energy"], found["pump in energy"] = total[:count], total[count:]
+        found["strokes"] = shown(sample, (energy + dive * seconds) / seconds) * seconds
     if inputs.load_surface.size:
         sample = _sample(inputs.loads)
         hotel = _total(model, Channel.HOTEL_POWER, sample)
         stay = jnp.maximum(sample.surface_duration, 60.0)
         once = _total(model, Channel.SURFACING_ENERGY, sample) / stay
         up = jnp.where(inputs.load_surface, _total(model, Channel.SURFACE_POWER, sample) + once, 0.0)
-        total = shown(sample, hotel + up)
-        first, second = replay.sizes.dives, replay.sizes.dives + replay.sizes.climbs
-        found["hotel power, dives"], found["hotel power, climbs"] = total[:first], total[first:second]
-        found["surface power"] = total[second:]
+        found["loads"] = shown(sample, hotel + up)
     if inputs.pulses:
         sample = _sample(inputs.pulses)
-        pack = replay.pack
+        pack = program.pack
         full = pack.voltage_points[-1]
         share = 1.0 - (1.0 - sample.state_of_charge) * jnp.exp(-_total(model, Channel.LOG_CAPACITY, sample))
         curve = jax.vmap(pack.open_circuit_voltage)(share)
@@ -389,7 +387,9 @@ def _power(replay: Replay, values: Any, shapes: dict[str, Any]) -> dict[str, Any
         )
     if inputs.turns:
         sample = _sample(inputs.turns)
-        found["turn depth"] = _total(model, Channel.TURN_DEPTH, sample) + extra["turn"]
+        called = sample.height_above_bottom < FROM_FLOOR
+        aside = extra["turn"] + jnp.where(called, extra["turn on altitude"], 0.0)
+        found["turn depth"] = _total(model, Channel.TURN_DEPTH, sample) + aside
     if inputs.floors:
         sample = _sample(inputs.floors)
         offset = _total(model, Channel.PRESSURE_OFFSET, sample)
@@ -408,24 +408,23 @@ def _power(replay: Replay, values: Any, shapes: dict[str, Any]) -> dict[str, Any
 
 
 @eqx.filter_jit
-def _predict(replay: Replay, values: Any, shapes: dict[str, Any]) -> dict[str, Any]:
-    return {**_motion(replay, values, shapes), **_power(replay, values, shapes)}
+def _predict(program: Program, values: Any, shapes: dict[str, Any]) -> dict[str, Any]:
+    return {**_motion(program, values, shapes), **_power(program, values, shapes)}
 
 
 _BATCH = 16
 
 
 @eqx.filter_jit
-def _jacobian(replay: Replay, values: Any, shapes: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+def _jacobian(program: Program, values: Any, shapes: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
     """Predictions and forward derivatives; each part is traced once, whatever the number of unknowns."""
     found: dict[str, Any] = {}
     columns: dict[str, Any] = {}
     for groups, part in ((frozenset({"flight", "course"}), _motion), (frozenset({"power"}), _power)):
-        mine = np.asarray([i for i, u in enumerate(replay.unknowns) if groups & u.groups], int)
-        scale = np.asarray([replay.unknowns[i].scale for i in mine])
-        value, push = jax.linearize(lambda x, at=mine, f=part: f(replay, values.at[at].set(x), shapes), values[mine])
+        mine = np.asarray([i for i, own in enumerate(program.groups) if groups & own], int)
+        value, push = jax.linearize(lambda x, at=mine, f=part: f(program, values.at[at].set(x), shapes), values[mine])
         found |= value
-        for name, block in jax.lax.map(push, jnp.asarray(np.diag(scale)), batch_size=_BATCH).items():
-            whole = jnp.zeros((block.shape[1], len(replay.unknowns)))
+        for name, block in jax.lax.map(push, jnp.diag(program.scales[mine]), batch_size=_BATCH).items():
+            whole = jnp.zeros((block.shape[1], len(program.names)))
             columns[name] = whole.at[:, mine].set(block.T)
     return found, columns

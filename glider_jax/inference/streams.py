@@ -17,12 +17,15 @@ from glider_jax.environment import seawater
 from glider_jax.inference import instruments
 from glider_jax.inference import windows as win
 from glider_jax.inference.controls import Rows, rows_of
+from glider_jax.inference.kinematics import from_depth_rate, why_unknown
 from glider_jax.inference.products import along_track, depth_along_track
 from glider_jax.readers.dead_reckoning import finite, magnetic_variation
 from glider_jax.readers.dives import Leg, legs, surfacings
 from glider_jax.readers.segments import Segment, dive_segments
 from glider_jax.records import Array, BathymetryGrid, CurrentGrid, Recording
 
+#: Fewer dives between surfacings are cut into blocks of some yos each.
+FEW_BLOCKS = 8
 #: s; length of a window of vertical speed.
 WINDOW = 40.0
 
@@ -66,6 +69,8 @@ class Inputs(NamedTuple):
     rows: dict[str, Array]
     step: Array
     direction: Array
+    wander: Array
+    wander_rate: Array
     window: Array
     window_weight: Array
     course: Array
@@ -114,6 +119,7 @@ class Gathered:
     notes: tuple[str, ...]
     product: bool
     latitude: float
+    odd_strokes: tuple[tuple[float, float], ...] = ()
 
     def stream(self, name: str) -> Stream | None:
         """A stream by name, None where the recording does not have it."""
@@ -138,9 +144,29 @@ def gather(
     latitude = np.radians(middle[0])
     turn = magnetic_variation(recording)
     rows = rows_of(recording, ways, turn, latitude)
+    unknown = why_unknown(recording)
+    rows = from_depth_rate(rows, vehicle, latitude) if unknown else rows
     segments = dive_segments(recording, variation=turn.value) if "gps_latitude" in recording else []
     builder = Builder(recording, vehicle, mission, currents, bathymetry, rows, ways, segments, middle)
+    if unknown:
+        builder.missing.append(
+            f"{unknown}: speed through the water is that of the recorded depth rate and pitch, and vertical speed is "
+            "no evidence"
+        )
     return builder.build(turn)
+
+
+def yos_together(fresh: Array) -> Array:
+    """Which legs begin a block: those after a surfacing, and within long segments every so many yos.
+
+    A record of a few long segments would otherwise have too few blocks to hold any out or to flip in sign.
+    """
+    count = int(fresh.sum())
+    if count >= FEW_BLOCKS or fresh.size < 4:
+        return fresh
+    since = np.arange(fresh.size) - np.maximum.accumulate(np.where(fresh, np.arange(fresh.size), 0))
+    together = 2 * max(1, int(np.ceil(fresh.size / (2.0 * FEW_BLOCKS))))
+    return since % together == 0
 
 
 def _middle(recording: Recording) -> tuple[float, float]:
@@ -162,10 +188,11 @@ class Builder:
         self.latitude = float(np.radians(middle[0]))
         self.missing: list[str] = []
         self.notes: list[str] = []
+        self.odd: list[tuple[float, float]] = []
         self.streams: list[Stream] = []
         starts = np.array([way.start_time for way in ways])
         ends = np.array([way.end_time for way in ways])
-        fresh = np.append(True, starts[1:] > ends[:-1] + 1.0)
+        fresh = yos_together(np.append(True, starts[1:] > ends[:-1] + 1.0))
         self.leg_block = np.cumsum(fresh) - 1
         first = np.flatnonzero(fresh)
         last = np.append(first[1:] - 1, len(ways) - 1)
@@ -193,7 +220,7 @@ class Builder:
             )
         inputs = Inputs(
             rows=fields, step=np.clip(np.diff(rows.time, prepend=rows.time[0]), 0.0, 600.0),
-            direction=rows.direction, window=window, window_weight=weight,
+            direction=rows.direction, **self._wander(), window=window, window_weight=weight,
             course=course, course_share=course_share, drift=drift, drift_share=drift_share,
             product_east=fields["surface_current_east"], product_north=fields["surface_current_north"],
             events=events, event_out=out, event_seconds=seconds, loads=loads, load_surface=surface, pulses=pulses,
@@ -215,7 +242,7 @@ class Builder:
         )
         return Gathered(
             tuple(self.streams), inputs, sizes, rows, tuple(self.ways), tuple(self.segments), self.origin,
-            tuple(self.missing), tuple(self.notes), product, self.latitude,
+            tuple(self.missing), tuple(self.notes), product, self.latitude, tuple(self.odd),
         )  # fmt: skip
 
     def add(self, name, unit, shown, factor, value, moment, group, block, weight, span, **covariates):
@@ -340,6 +367,16 @@ class Builder:
             pitch=np.abs(rows.pitch[mid]), roll=rows.roll[mid],
         )  # fmt: skip
         return index, weight
+
+    def _wander(self):
+        """Pitch of settled glide against its half yo's mean, rad, and its rate."""
+        rows = self.rows
+        wander = np.zeros(rows.time.size)
+        good = np.flatnonzero(rows.settled)
+        if good.size:
+            _, code = np.unique(rows.leg[good], return_inverse=True)
+            wander[good] = rows.pitch[good] - (np.bincount(code, rows.pitch[good]) / np.bincount(code))[code]
+        return {"wander": wander, "wander_rate": np.where(rows.settled, np.gradient(wander, rows.time), 0.0)}
 
     def _courses(self, turn):
         """Dive segments: shares of each row's step in the segment's duration, so that sums are mean velocities."""

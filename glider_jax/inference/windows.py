@@ -139,27 +139,36 @@ def strokes(power: Power, rows: Rows, ways: list[Leg], recording: Recording) -> 
         depth = float(one.end_depth)
         warm = float(np.interp(two.start_time, rows.time, rows.temperature))
         found.append(Stroke(window, out, depth, moved, number, warm))
-    return [stroke for way in (True, False) for stroke in _alike([s for s in found if s.out == way])]
+    return found
 
 
-def _alike(listed: list[Stroke]) -> list[Stroke]:
-    """Strokes whose window, volume and energy are like the others': a row lost in a window is no physics."""
+class Sorted(NamedTuple):
+    """Strokes like the others of their way, and those of the usual window and volume whose energy is not, J beyond."""
+
+    alike: list[Stroke]
+    odd: list[tuple[Stroke, float]]
+
+
+def sort_strokes(listed: list[Stroke]) -> Sorted:
+    """Part strokes of one way by window, volume and energy: a row lost in a window is no physics."""
     if len(listed) < 6:
-        return listed
+        return Sorted(listed, [])
     seconds = np.array([s.window.seconds for s in listed])
     volume = np.array([s.volume for s in listed])
     energy = np.array([s.window.energy for s in listed])
     depth = np.array([s.depth for s in listed])
     good = np.abs(seconds / np.median(seconds) - 1.0) < 0.35
     good &= np.abs(volume / np.median(volume) - 1.0) < 0.3
+    whole, left = good.copy(), np.zeros(energy.size)
     for _ in range(3):
         if good.sum() < 6:
-            return listed
+            return Sorted(listed, [])
         line = np.polyfit(depth[good], energy[good], 1) if np.ptp(depth[good]) > 1.0 else [0.0, np.median(energy[good])]
         left = energy - np.polyval(line, depth)
         scatter = 1.4826 * np.median(np.abs(left[good] - np.median(left[good])))
         good &= np.abs(left - np.median(left[good])) < 6.0 * max(scatter, 2.0)
-    return [s for s, keep in zip(listed, good, strict=True) if keep]
+    alike = [s for s, keep in zip(listed, good, strict=True) if keep]
+    return Sorted(alike, [(listed[k], float(left[k])) for k in np.flatnonzero(whole & ~good)])
 
 
 class Load(NamedTuple):

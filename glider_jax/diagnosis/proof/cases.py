@@ -348,8 +348,8 @@ def write_case(folder: Path, spec: Spec, truth: Mapping) -> None:
     region = spec.region
     rng = np.random.default_rng([spec.seed, 23])
     place = REGIONS[region]
-    if not truth["product"]:  # the flow that nobody gave is a steady one: no tide, half the eddies
-        place = replace(place, tide=(0.0, 0.0), eddies=0.5 * place.eddies)
+    if not truth["product"]:  # the flow that nobody gave is the concealed one, and half the eddies
+        place = replace(place, mean_flow=(0.0, 0.0), tide=(0.0, 0.0), eddies=0.5 * place.eddies)
     ocean = Ocean(place, rng, DURATION)
     true = replace(VEHICLES[region], **truth["constants"])
     plan = plan_of(region)

@@ -1,0 +1,85 @@
+"""What an inference does not know: amplitudes of the library, calibrations of the vehicle file, and nuisances.
+
+Imports the physics' channels. A newcomer would get wrong: a nuisance is no effect that could be named; it is always
+free, so that nothing is learned from what no vehicle file can state.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from glider_jax.physics.term import Channel
+
+_FLIGHT = frozenset({
+    Channel.NET_BUOYANCY, Channel.DRAG_COEFFICIENT, Channel.INDUCED_DRAG, Channel.LIFT_SLOPE, Channel.LOG_DRAG,
+    Channel.LOG_LIFT, Channel.THRUST, Channel.PITCH, Channel.RESPONSE_TIME, Channel.VERTICAL_WATER_VELOCITY,
+})  # fmt: skip
+_COURSE = frozenset({
+    Channel.CURRENT_EAST, Channel.CURRENT_NORTH, Channel.SURFACE_DRIFT_EAST, Channel.SURFACE_DRIFT_NORTH,
+    Channel.HEADING,
+})  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Nuisance:
+    """A number beside the physics that is never known exactly and always projected out; ``sd`` in ``unit``."""
+
+    name: str
+    sd: float
+    unit: str
+    group: str
+    text: str
+
+
+NUISANCES: tuple[Nuisance, ...] = (
+    Nuisance("inflection way", 0.06, "1", "flight", "way made good while turning, share beyond the model's"),
+    Nuisance("pitch wander", 0.3, "1", "flight", "answer to pitch that wanders within a half yo, more than all"),
+    Nuisance("pitch delay", 2.0, "s", "flight", "time by which that answer comes early"),
+    Nuisance("wander lag", 5.0, "s", "flight", "time in which the speed answers to it, beyond the response time"),
+    Nuisance("lag of rate", 0.5, "1", "flight", "share of the lag that is in the vertical speed, not along the path"),
+    Nuisance("gauge at the surface", 0.1, "m", "power", "depth of the pressure gauge while surfaced, about 0.3 m"),
+    Nuisance("turn", 3.0, "m", "power", "how far a dive runs past the depth at which it was told to turn"),
+    Nuisance("turn on altitude", 3.0, "m", "power", "the same of turns that the altimeter calls, beyond the others"),
+    Nuisance("stay", 150.0, "s", "power", "time at the surface beyond the plan"),
+    Nuisance("open circuit", 0.05, "V", "power", "open-circuit voltage against the pack's curve"),
+    Nuisance("charge", 0.05, "1", "power", "fall of the voltage against the pack's curve, share"),
+    Nuisance("chart", 8.0, "m", "power", "water depth against the chart"),
+)
+GAUGE_DEPTH = 0.3
+#: Added mass along the hull over mass, and how well the response time that follows is known, share.
+AXIAL, RESPONSE_SHARE = 0.2, 0.1
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """One coordinate of the inference: value = centre + scale x z with z standard normal before the data.
+
+    ``kind`` is ``candidate`` (an amplitude of a term of the library), ``calibration`` (a number of the vehicle file
+    with a sigma) or ``nuisance``. ``groups`` say which predictions it moves: ``flight``, ``course``, ``power``.
+    """
+
+    name: str
+    term: str
+    kind: str
+    centre: float
+    scale: float
+    groups: frozenset[str]
+    lower: float = -np.inf
+    upper: float = np.inf
+
+
+def groups_of(channels) -> frozenset[str]:
+    """Predictions that numbers of some channels move: ``flight``, ``course`` and ``power``."""
+    found = set()
+    for channel in channels:
+        if channel in _FLIGHT:
+            found.add("flight")
+        elif channel in _COURSE or channel is Channel.LOG_SPEED:
+            found.add("flight" if channel is Channel.LOG_SPEED else "course")
+        elif channel is Channel.PRESSURE_OFFSET:
+            found |= {"flight", "power"}
+        else:
+            found.add("power")
+    return frozenset(found)
