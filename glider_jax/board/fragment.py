@@ -9,6 +9,8 @@ import os
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from glider_jax.board.fits import BRAKE, CLIMB, HOTEL, INTERCEPT, SLOPE, SURFACE, UNITS, EnergyModel, PumpFit
 from glider_jax.errors import ConfigError
 
@@ -91,7 +93,7 @@ def write_atomically(path: str | Path, text: str) -> None:
     temporary.replace(target)
 
 
-def _pump_dict(pump: PumpFit | None) -> dict[str, Any] | None:
+def _pump_dict(pump: PumpFit | None, level: float) -> dict[str, Any] | None:
     if pump is None:
         return None
     return {
@@ -109,7 +111,20 @@ def _pump_dict(pump: PumpFit | None) -> dict[str, Any] | None:
         "residual_autocorrelation": pump.autocorrelation,
         "residual_trend_j_per_day": pump.trend,
         "slope_identifiable": pump.identifiable,
+        "intervals": _intervals(pump, level),
     }
+
+
+def _intervals(pump: PumpFit, level: float) -> list[dict[str, float]]:
+    """Mean energy, its half interval and that of a single stroke, before shared errors, over the depths fitted."""
+    depths = np.linspace(*pump.depths, 5)
+    columns = {
+        "depth_m": depths,
+        "energy_j": pump.predict(depths),
+        "half_interval_of_mean_j": pump.interval(depths, level),
+        "half_interval_of_stroke_j": pump.interval(depths, level, single=True),
+    }
+    return [{name: float(values[row]) for name, values in columns.items()} for row in range(depths.size)]
 
 
 def model_dict(model: EnergyModel, level: float = 0.95) -> dict[str, Any]:
@@ -132,8 +147,8 @@ def model_dict(model: EnergyModel, level: float = 0.95) -> dict[str, Any]:
             for key, e in model.estimates.items()
         },
         "covariance": {"names": list(model.names), "matrix": model.covariance.tolist()},
-        "pump": _pump_dict(model.pump),
-        "pump_other_form": _pump_dict(model.other),
+        "pump": _pump_dict(model.pump, level),
+        "pump_other_form": _pump_dict(model.other, level),
         "steady": [
             {
                 "phase": level.phase,

@@ -206,11 +206,15 @@ def board_fit(seed, through=None, depths=(8, 95, 24)):
 
 
 def covered(model, truth):
-    """Whether all quantities lie within their simultaneous 95 % intervals, and the joint region holds the
-    truth."""
+    """Whether all quantities lie within their simultaneous 95 % intervals, and the joint region holds the truth.
+
+    The covariance itself is estimated, from about twenty strokes: the squared distance follows F, not chi-squared.
+    """
     half = model.intervals(0.95)
     each = all(abs(model.estimates[n].value - truth[n]) <= half[n] for n in model.names)
-    return each, model.distance(truth) <= stats.chi2.ppf(0.95, len(model.names))
+    number = len(model.names)
+    least = min(model.pump.dof, *(model.estimates[n].dof for n in (fits.CLIMB, fits.BRAKE)))
+    return each, model.distance(truth) <= number * stats.f.ppf(0.95, number, least)
 
 
 def test_the_model_that_flew_is_returned():
@@ -268,6 +272,9 @@ class TestFragment:
         data = json.loads(json.dumps(model_dict(model)))
         assert data["quantities"][fits.HOTEL]["value"] == 2.0
         assert data["pump"]["form"] == "line" and data["pump_other_form"]["form"] == "volume"
+        rows = data["pump"]["intervals"]
+        assert rows[0]["depth_m"] == pytest.approx(data["pump"]["depths_m"][0]) and len(rows) == 5
+        assert all(row["half_interval_of_stroke_j"] > row["half_interval_of_mean_j"] > 0 for row in rows)
 
     def test_events_csv(self):
         text = events_csv([stroke(10.0, 100.0)])
