@@ -115,7 +115,8 @@ def _changes(content: dict[str, Any]) -> str:
     if not rows or not content["effects"]:
         return ""
     cells = "".join(
-        f"<tr><td>{e(name)}</td><td>{before:.3g}</td><td><b>{after:.3g}</b></td><td>{recorded}</td><td>{unit}</td></tr>"
+        f"<tr><td>{e(name)}</td><td>{_plain(before)}</td><td><b>{_plain(after)}</b></td><td>{recorded}</td>"
+        f"<td>{unit}</td></tr>"
         for name, before, after, recorded, unit in rows
     )
     missed = content.get("forecast_misses")
@@ -124,6 +125,11 @@ def _changes(content: dict[str, Any]) -> str:
         "<h2>What it changes</h2><table><tr><th></th><th>without</th><th>with</th><th>recorded</th><th></th></tr>"
         f"{cells}</table>{said}"
     )
+
+
+def _plain(value: float) -> str:
+    """Three figures, without an exponent where a pilot would read metres."""
+    return f"{value:.0f}" if abs(value) >= 100.0 else f"{value:.3g}"
 
 
 def _next_steps(content: dict[str, Any]) -> str:

@@ -60,17 +60,22 @@ def levels(found: Finding) -> dict[str, tuple[float, float, str, str]]:
         value = (unknown.centre + unknown.scale * mean[place[n]]) * (1.0 + share)
         sd = unknown.scale * math.sqrt(found.covariance[place[n], place[n]])
         unit = "kg" if unknown.name == "flight.mass" else ""
-        text = "mass" if unit else "drag coefficient"
+        text = "mass" if unit else "drag coefficient, turns included"
         told[unknown.name] = (float(value), float(max(sd, 0.01 * abs(value) if not unit else 0.005)), unit, text)
     return told
 
 
 def _bias(found: Finding, place: dict[int, int]) -> float:
-    unknowns = found.search.problem.replay.unknowns
-    for n, unknown in enumerate(unknowns):
-        if unknown.name == "flight.drag_bias.share" and n in place:
-            return float(unknown.centre + unknown.scale * found.mean[place[n]])
-    return 0.0
+    """Share of drag beyond the calibrated one, by a bias and by turning as much as the glider did on average."""
+    rows = found.gathered.inputs.rows
+    wet = np.asarray(rows["direction"]) != 0.0
+    turning = float(np.mean(np.abs(np.asarray(rows["turn_rate"])[wet]))) if wet.any() else 0.0
+    share = 0.0
+    for n, unknown in enumerate(found.search.problem.replay.unknowns):
+        weight = {"flight.drag_bias.share": 1.0, "flight.turn_drag.time": turning}.get(unknown.name)
+        if weight is not None and n in place:
+            share += weight * float(unknown.centre + unknown.scale * found.mean[place[n]])
+    return share
 
 
 def _mean(values: Array, block: Array) -> tuple[float, float]:

@@ -58,7 +58,10 @@ def from_depth_rate(rows: Rows, vehicle: Vehicle, latitude: float) -> Rows:
     """
     rise = -slope(rows.time, rows.depth)
     steady = (rows.direction != 0.0) & (np.abs(rows.pitch) > FLATTEST) & (np.sign(rows.pitch) == np.sign(rise))
-    number = vehicle.value
+
+    def number(name: str) -> float:
+        return vehicle.quantities[name].value if name in vehicle.quantities else 0.0
+
     force = glide_force(
         np.abs(rise), np.maximum(np.abs(rows.pitch), FLATTEST), rows.density, number("flight.wing_area"),
         number("flight.parasite_drag"), number("flight.induced_drag"), number("flight.lift_slope"),
