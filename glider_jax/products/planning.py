@@ -1,7 +1,7 @@
 """Missions weighed before they fly: declared choices, every combination flown with the same seeds, and what each gives.
 
-Members are flown together in one compiled program and settings follow each other on it, since a setting changes numbers
-only. The same seed for all makes differences between settings far more certain than the settings themselves.
+Settings are flown together in one compiled program, stacked as far as memory is allowed for, since a setting changes
+numbers only. The same seed for all makes differences between settings far more certain than the settings themselves.
 Of every setting a few numbers per member are kept, so that a sweep of any size needs little memory.
 """
 
@@ -252,21 +252,15 @@ def sweep(
             made.append((combination, apply_choices(case, combination)))
         except ConfigError as error:
             made.append((combination, error))
-    flyable = [one for _, one in made if isinstance(one, Case)]
+    flyable = [(one, combination) for combination, one in made if isinstance(one, Case)]
     if not flyable:
         raise next(one for _, one in made if isinstance(one, ConfigError))
-    interval = common_interval(flyable)
-    found = []
-    for done, (combination, one) in enumerate(made, start=1):
-        if isinstance(one, Case):
-            try:
-                found.append(fly_setting(one, combination, interval))
-            except CoverageError as error:
-                found.append(Setting(combination, refused=str(error)))
-        else:
-            found.append(Setting(combination, refused=str(one)))
-        if progress is not None:
-            progress(done)
+    refused = len(made) - len(flyable)
+    counted = None if progress is None else lambda done: progress(refused + done)
+    flown = iter(fly_settings(flyable, common_interval([one for one, _ in flyable]), counted))
+    found = [
+        next(flown) if isinstance(one, Case) else Setting(combination, refused=str(one)) for combination, one in made
+    ]
     if all(s.refused for s in found):
         raise CoverageError(f"no setting could be flown: {found[0].refused}")
     return found
@@ -279,26 +273,102 @@ def common_interval(cases: Sequence[Case]) -> float:
     return min(output_interval(one.days * DAY, one.mission) for one in cases)
 
 
-def fly_case(case: Case, interval: float | None = None) -> tuple[Track, Any]:
-    """Fly one case; the track and its run."""
-    from glider_jax.mission.forecast import forecast, prepare
+def prepare_case(case: Case, interval: float | None = None, *, fields: bool = True) -> Any:
+    """The run of one case; without ``fields`` in still water over no seafloor, to be given another run's."""
+    from glider_jax.mission.forecast import prepare
     from glider_jax.mission.speeds import choose_speeds, current_error
 
     nodes, _ = choose_speeds(
         case.mission, case.vehicle, case.speed, kind=case.speed_kind, has_currents=case.currents is not None
     )
     error, _ = current_error(case.vehicle, case.speed, case.speed_kind, case.currents is not None)
-    run = prepare(
-        case.mission, case.vehicle, currents=case.currents, bathymetry=case.bathymetry, water=case.water,
-        speed=case.speed, speeds=nodes, duration=case.days * DAY, interval=interval, seed=case.seed,
-        spread=case.spread, start=case.start, start_position=case.start_position, current_error=error,
+    return prepare(
+        case.mission, case.vehicle, currents=case.currents if fields else None,
+        bathymetry=case.bathymetry if fields else None, water=case.water, speed=case.speed, speeds=nodes,
+        duration=case.days * DAY, interval=interval, seed=case.seed, spread=case.spread, start=case.start,
+        start_position=case.start_position, current_error=error,
     )  # fmt: skip
-    return forecast(case.n, run), run
+
+
+def fly_settings(
+    settings: Sequence[tuple[Case, Mapping[str, float | str]]],
+    interval: float,
+    progress: Callable[[int], None] | None = None,
+) -> list[Setting]:
+    """Fly settings together: those that compile alike are stacked, as many at a time as memory is allowed for.
+
+    A case outside its fields comes back refused, with the reason.
+    """
+    from glider_jax.mission.sweep import fly_stacked, most_stacked, signature
+
+    found: list[Setting | None] = [None] * len(settings)
+    done = 0
+
+    def keep(number: int, setting: Setting) -> None:
+        nonlocal done
+        found[number] = setting
+        done += 1
+        if progress is not None:
+            progress(done)
+
+    def fly(numbers: list[int], runs: list[Any]) -> None:
+        for number, run, track in zip(numbers, runs, fly_stacked(runs, settings[numbers[0]][0].n), strict=True):
+            keep(number, summarise_setting(track, run, *settings[number]))
+
+    for numbers in _grouped(range(len(settings)), lambda k: _fields_key(settings[k][0])):
+        # One tabulated ocean for all settings that share it.
+        shared, waiting = None, {}
+        for number in numbers:
+            case = settings[number][0]
+            try:
+                run = prepare_case(case if shared is None else replace(case, start=shared.t0), interval,
+                                   fields=shared is None)  # fmt: skip
+            except CoverageError as error:
+                keep(number, Setting(dict(settings[number][1]), refused=str(error)))
+                continue
+            if shared is None:
+                shared = run
+            error = shared.shape.product_error
+            run = replace(run, environment=shared.environment, shape=replace(run.shape, product_error=error))
+            key = (signature(run), case.n)
+            waiting.setdefault(key, ([], []))
+            for kept, item in zip(waiting[key], (number, run), strict=True):
+                kept.append(item)
+            if len(waiting[key][0]) >= max(most_stacked(run, case.n), 2):
+                fly(*waiting.pop(key))
+        for group in waiting.values():
+            fly(*group)
+    return [setting for setting in found if setting is not None]
+
+
+def _fields_key(case: Case) -> tuple[Any, ...]:
+    """What the tabulated ocean depends on: place, time and the currents' error, beside the fields themselves."""
+    latitudes = sorted(point[0] for point in case.mission.waypoints)
+    position = case.start_position or case.mission.start_position
+    errors = case.vehicle.value("perturbation.current_error")
+    return (
+        id(case.currents), id(case.bathymetry), case.start if case.start is not None else case.mission.start, position,
+        latitudes[0], latitudes[-1], errors, case.speed, case.speed_kind,
+    )  # fmt: skip
+
+
+def _grouped(items, key) -> list[list[Any]]:
+    groups: dict[Any, list[Any]] = {}
+    for item in items:
+        groups.setdefault(key(item), []).append(item)
+    return list(groups.values())
 
 
 def fly_setting(case: Case, choices: Mapping[str, float | str], interval: float | None = None) -> Setting:
     """Fly one setting and keep what a comparison needs."""
-    track, run = fly_case(case, interval)
+    from glider_jax.mission.forecast import forecast
+
+    run = prepare_case(case, interval)
+    return summarise_setting(forecast(case.n, run), run, case, choices)
+
+
+def summarise_setting(track: Track, run: Any, case: Case, choices: Mapping[str, float | str]) -> Setting:
+    """What a comparison needs of a flown setting: a few numbers per member."""
     reserve = case.vehicle.battery.reserve_fraction if case.reserve is None else case.reserve
     ended = np.isfinite(track.outcome_time)
     days = np.where(ended, track.outcome_time - run.t0, case.days * DAY) / DAY

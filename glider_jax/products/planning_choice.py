@@ -10,7 +10,7 @@ import numpy as np
 
 from glider_jax.config import Quantity
 from glider_jax.errors import ConfigError, Outcome, did_you_mean
-from glider_jax.products.planning import Case, Setting, apply_choices, common_interval, fly_setting
+from glider_jax.products.planning import Case, Setting, apply_choices, common_interval, fly_settings
 from glider_jax.records import Array
 
 #: What a pilot may want most: (attribute, 1 for more, -1 for less, words).
@@ -184,13 +184,18 @@ def sensitivities(
     attribute, _, _ = goal_of(goal)
     made = apply_choices(case, choices)
     interval = common_interval([made]) / 2.0
-    found = []
-    for done, (name, step, low, high) in enumerate(_pairs(made), start=1):
+    steps, cases = [], []
+    for name, step, low, high in _pairs(made):
         try:
-            below, above = (fly_setting(one, choices, interval) for one in (low(), high()))
+            pair = low(), high()
         except ConfigError:
             # A step out of the allowed range has no central difference.
             continue
+        steps.append((name, step))
+        cases += [(one, choices) for one in pair]
+    flown = fly_settings(cases, interval, progress)
+    found = []
+    for (name, step), below, above in zip(steps, flown[::2], flown[1::2], strict=True):
         # A member that one of the two flights ends early jumps; those that end alike change smoothly.
         alike = above.finished & below.finished
         kept = alike if alike.sum() >= _FEWEST else np.ones_like(alike)
@@ -202,8 +207,6 @@ def sensitivities(
                 _paired(0.5 * (getattr(above, attribute) - getattr(below, attribute))[kept]),
             )
         )
-        if progress is not None:
-            progress(done)
     return sorted(found, key=lambda s: -abs(s.energy[0]))
 
 

@@ -19,6 +19,7 @@ from glider_jax.products.planning import (
     Case,
     Setting,
     apply_choices,
+    common_interval,
     fly_setting,
     parse_choices,
     settings_of,
@@ -143,6 +144,24 @@ def test_steeper_costs_more_and_lithium_lasts_longer(flown):
     np.testing.assert_allclose(lithium.km, shallow.km)
     np.testing.assert_allclose(lithium.wh, shallow.wh)
     assert (lithium.left > shallow.left).all()
+
+
+def test_settings_flown_together_are_those_flown_alone(case):
+    currents = synthetic_currents("tide", major=0.2, minor=0.1, start=START - 3600.0, duration=5 * 86400.0, **PLACE)
+    base = replace(case, currents=currents)
+    choices = parse_choices(["start_h=0,6,400", "pitch=20,30", "order=given,reversed"])
+    seen = []
+    together = sweep(base, choices, seen.append)
+    # Starts after the currents are refused one by one; every setting is counted.
+    assert [bool(s.refused) for s in together] == [s.choices["start_h"] == 400.0 for s in together]
+    assert seen[-1] == len(together) == 12
+    interval = common_interval([apply_choices(base, s.choices) for s in together])
+    for k in (1, 6):
+        alone = fly_setting(apply_choices(base, together[k].choices), together[k].choices, interval)
+        for name in ("days", "km", "profiles", "wh", "left"):
+            np.testing.assert_allclose(getattr(together[k], name), getattr(alone, name), rtol=2e-3, err_msg=name)
+        assert together[k].story["current_along"] == pytest.approx(alone.story["current_along"], abs=1e-3)
+    assert abs(together[0].km - together[4].km).max() > 0.1
 
 
 def test_the_instrument_costs_what_was_published(case):
