@@ -19,6 +19,7 @@ from glider_jax.environment.synthetic import synthetic_bathymetry
 from glider_jax.products.coordinates import LocalFrame
 from glider_jax.products.hindcast import cases_of
 from glider_jax.products.validation import spread_of
+from glider_jax.products.validation_energy import Split, fitted_vehicle, measured_split, simulated_split
 from glider_jax.readers.dives import inflections, until
 from glider_jax.readers.missions import read_mission
 from glider_jax.readers.recordings import read_recording
@@ -42,7 +43,9 @@ class FlownDive:
     time of surfacing. ``turns`` and ``true_turns`` median depths of dive-to-climb turns, ``counts`` inflections
     simulated and flown. ``energy`` 5 %, median and 95 % until surfacing by the vehicle's loads, ``rate_energy`` by the
     charge the glider drew per hour before, ``true_energy`` from charge times voltage.
-    ``inside`` whether the first fix lies in the 90 % region of the estimated current.
+    ``inside`` whether the first fix lies in the 90 % region of the estimated current. ``simulated`` and ``measured``
+    part the energy into motors and steady load; ``fitted_energy`` is 5 %, median and 95 % by loads fitted to the
+    vehicle's last day before the dive, NaN where it had flown too little.
     """
 
     number: int
@@ -59,6 +62,9 @@ class FlownDive:
     true_energy: float
     inside: bool
     notes: tuple[str, ...]
+    simulated: Split | None = None
+    measured: Split | None = None
+    fitted_energy: tuple[float, float, float] = (math.nan, math.nan, math.nan)
 
 
 def compare_flown(
@@ -121,17 +127,31 @@ def _dive(flight, plan: Mission, vehicle, number: int, before: Segment, truth: S
     turns = [i.depth for i in inflections(flight) if truth.dive_time < i.time < truth.surface_time and _deep(i)]
     during = (flight.time >= truth.dive_time) & (flight.time <= truth.surface_time)
     volts = float(np.nanmean(flight["battery_voltage"][during]))
+    drawn = truth.charge_used * volts
+    own = fitted_vehicle(flight, truth.dive_time, vehicle)
+    by_fit = (math.nan, math.nan, math.nan)
+    if own is not None:
+        again = fly(
+            assemble(situation, own, n=n, seed=seed, mission=plan, bathymetry=floor, horizon=_HORIZON, interval=60.0)
+        ).track
+        by_fit = _spread(again.energy.sum(-1)[np.arange(again.n), _row(again)])
     return FlownDive(
         number=number, start=truth.start_time, displacement=math.hypot(truth.east, truth.north), miss=miss,
         late=spread_of(late)[1], late_spread=spread_of(late)[::2],
         turns=_mean_turn(track), true_turns=float(np.median(turns)),
         counts=(float(np.median(track.inflections[np.arange(track.n), _row(track)])), truth.inflections),
-        energy=tuple(float(x) for x in np.quantile(energy, (0.05, 0.5, 0.95))),
+        energy=_spread(energy),
         rate_energy=situation.behaviour.charge_rate * float(np.nanmedian(flown.fix_time) - situation.time) * volts,
-        true_energy=truth.charge_used * volts,
+        true_energy=drawn, simulated=simulated_split(track, _row(track)),
+        measured=measured_split(flight, truth.dive_time, truth.surface_time, drawn), fitted_energy=by_fit,
         inside=bool(inside(region, np.array([truth.end_latitude]), np.array([truth.end_longitude]))[0]),
         notes=tuple(notes),
     )  # fmt: skip
+
+
+def _spread(values: Array) -> tuple[float, float, float]:
+    low, middle, high = np.quantile(values, (0.05, 0.5, 0.95))
+    return float(low), float(middle), float(high)
 
 
 def _deep(inflection) -> bool:

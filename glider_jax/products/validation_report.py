@@ -9,13 +9,12 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from glider_jax.config import Vehicle
 from glider_jax.products import validation
 from glider_jax.products.atomic import write_text
 from glider_jax.products.hindcast import plain_numbers
 from glider_jax.products.validation import Calibration, Row, ThreeYos
+from glider_jax.products.validation_energy import split_lines, split_text
 from glider_jax.products.validation_flown import FlownDive, compare_flown, flown_lines
 from glider_jax.readers.bathymetry import read_bathymetry
 from glider_jax.readers.currents import read_currents
@@ -332,14 +331,15 @@ def _yos(yos: ThreeYos) -> list[str]:
 
 
 def _flown_text(dives: Sequence[FlownDive]) -> list[str]:
-    ratio = np.mean([d.energy[1] / d.true_energy for d in dives])
     lines = [
-        "Misses are from the ensemble's middle to the first fix, by what is believed of the current: what the "
-        "glider last "
-        "reckoned with, none, what it then felt (hindsight), and its course estimated from what was felt "
-        "before. Energy: "
-        f"the vehicle's own loads give {ratio:.2f} times what was drawn on these dives; its steady load is a mean over "
-        "days with other sensors on. The glider's own recent rate is the better guide where there is one.",
+        "Misses are from the ensemble's middle to the first fix, by what is believed of the current: what the glider "
+        "last reckoned with, none, what it then felt (hindsight), and its course estimated from what was felt before.",
+        *(f"- {text}" for text in dict.fromkeys(text for d in dives for text in d.notes)),
+        "",
+        "Where the energy went, and what the vehicle's own last day before a dive predicts:",
+        "",
+        *split_lines(dives),
+        "",
+        split_text(dives),
     ]
-    notes = dict.fromkeys(text for d in dives for text in d.notes)
-    return lines + [f"- {text}" for text in notes]
+    return lines

@@ -12,7 +12,8 @@ import pytest
 from glider_jax.environment.synthetic import synthetic_bathymetry, synthetic_currents
 from glider_jax.mission.forecast import forecast
 from glider_jax.products import validation as v
-from glider_jax.products.validation_flown import compare_flown, flown_lines, reckoned_current
+from glider_jax.products.validation_energy import Split, simulated_split, split_lines, split_text
+from glider_jax.products.validation_flown import FlownDive, compare_flown, flown_lines, reckoned_current
 from glider_jax.products.validation_report import validation_numbers, validation_page
 from glider_jax.readers.bathymetry import read_bathymetry
 from glider_jax.readers.currents import read_currents
@@ -125,6 +126,63 @@ def test_the_current_reckoned_with_is_the_last_before_the_dive():
     flight = Recording("toy", time, channels, Source("toy"), np.zeros(1))
     assert reckoned_current(flight, 25.0) == complex(0.2, -0.3)
     assert not np.isfinite(reckoned_current(flight, 25.0 + 2 * 86400.0).real)
+
+
+def made_dive(**changes) -> FlownDive:
+    """A flown dive of known energies."""
+    made = FlownDive(
+        1, 0.0, 3e3, {name: 1e3 for name in ("last", "none", "felt", "estimated")}, 60.0, (0.0, 120.0), 40.0, 41.0,
+        (38.0, 33), (30e3, 36e3, 40e3), 27e3, 26e3, True, ("a note",),
+        simulated=Split(11e3, 25e3, 10000.0), measured=Split(10e3, 16e3, 9600.0),
+        fitted_energy=(24e3, 26.5e3, 29e3),
+    )  # fmt: skip
+    return replace(made, **changes)
+
+
+def test_the_excess_of_energy_is_parted():
+    dives = [made_dive(), made_dive(number=2, fitted_energy=(math.nan,) * 3)]
+    text = split_text(dives)
+    # 36 for 26 kJ; of 2 x 10 kJ 2 x 1 are the motors', 2 x (16/9.6) x 0.4 the longer time, the rest the load.
+    assert "1.38 times what was drawn" in text
+    assert "Of 20.0 kJ too much over 2 dives, 2.0 kJ are the motors', 1.3 kJ the longer time, and 16.7 kJ" in text
+    assert "give 1.02 times what was drawn (1 of 2 dives" in text
+    lines = split_lines(dives)
+    assert "11.0 / 10.0 | 2.50 / 1.67 | 2.78 / 2.67 | 26.5 (24.0-29.0) / 26.0" in lines[2]
+    assert "too little flown" in lines[3]
+    assert "| - | - | - |" in split_lines([made_dive(measured=None)])[2]
+
+
+def test_the_page_says_where_a_flown_dives_energy_went(rows, yos):
+    calibration, ours, water = rows
+    page = validation_page(calibration, ours, water, yos, [made_dive()])
+    assert "the file's is a mean over days with other sensors switched on" in page and "- a note" in page
+    numbers = validation_numbers(calibration, ours, water, yos, [made_dive()])
+    flown = json.loads(json.dumps(numbers, allow_nan=False))["flown"][0]
+    assert flown["measured"]["steady"] == 16e3
+
+
+def test_components_are_parted_at_each_members_end(rows):
+    track = rows[1][2].track
+    ends = np.full(track.n, track.time.size - 1)
+    split = simulated_split(track, ends)
+    total = np.median(track.energy[:, -1].sum(-1))
+    hotel = np.median(track.energy[:, -1, track.components.index("hotel")])
+    assert split.steady == pytest.approx(hotel, rel=1e-6)
+    assert split.motors + split.steady == pytest.approx(total, rel=0.02)
+    assert split.watts == pytest.approx(hotel / (track.time[-1] - track.time[0]), rel=1e-6)
+
+
+@pytest.mark.validation
+def test_loads_of_the_hours_before_predict_the_energy_of_a_dive(real):
+    folder = real("recordings", "comet2019")
+    dives = compare_flown(folder / "comet2019.nc", folder / "missions/nsb3/missions/nsb3.mi", n=100)
+    # The first dive of the day has nothing before it; the second has the first.
+    assert math.isnan(dives[0].fitted_energy[1])
+    low, middle, high = dives[1].fitted_energy
+    assert middle == pytest.approx(dives[1].true_energy, rel=0.06) and low < dives[1].true_energy < high
+    # The motors hold; the steady load of the vehicle's file is that of other days.
+    assert dives[1].simulated.motors == pytest.approx(dives[1].measured.motors, rel=0.1)
+    assert dives[1].simulated.watts > 1.4 * dives[1].measured.watts
 
 
 @pytest.mark.validation
