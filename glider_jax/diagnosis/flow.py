@@ -252,7 +252,8 @@ def _effect(found: Finding, told: dict[str, Any], parts: dict[str, tuple[float, 
     gained = [row["before_rms_m"] > row["after_rms_m"] for row in told["later"]]
     share = float(np.mean(gained)) if gained else 0.0
     return {
-        "id": ID, "title": UNKNOWN, "plain": "The water moved, and the forecast did not know of it.",
+        "id": ID, "title": UNKNOWN, "plain":
+        f"Between fixes the water moved {100.0 * told['rms']:.0f} cm/s (rms), and the forecast did not know of it.",
         "class": {"label": "unknown flow", "members": list(UNKNOWN_FLOW), "decided_by":
                   "a current product; a longer record, to tell a steady current from tides"},
         "certain": True, "evidence": told["evidence"], "parameters": entries, "shapes": {}, "alternatives": [],

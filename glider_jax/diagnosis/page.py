@@ -1,7 +1,7 @@
 """The report of a diagnosis as one HTML page: first what a pilot needs, below it numbers, equations and sources.
 
-Standard library only. A newcomer would get wrong: every text from a recording or a file is escaped, and the page needs
-nothing from outside.
+Imports the physics' declarations. A newcomer would get wrong: every text from a recording or a file is escaped, and
+the page needs nothing from outside.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from typing import Any
 
 from glider_jax.diagnosis.candidates import USUAL
 from glider_jax.diagnosis.schema import size_in_words, spoken
+from glider_jax.physics.library import TERMS_BY_ID
 
 #: nats from which evidence is called sure.
 SURE = 15.0
@@ -23,9 +24,10 @@ e = html.escape
 def undecided(content: dict[str, Any], least: float = 2.0) -> list[dict[str, Any]]:
     """Usual effects that this recording could show only at many times their typical size; the likeliest first."""
     found = []
+    twins = {a["id"] for effect in content["effects"] for a in effect["alternatives"]}
     for entry in content["not_found"]:
         sizes = [p["minimum"] / p["typical"] for p in entry["minimum_detectable"] if p["minimum"] and p["typical"]]
-        if entry["id"] in USUAL and sizes and min(sizes) > least:
+        if entry["id"] in USUAL - twins and sizes and min(sizes) > least:
             found.append(entry)
     return sorted(found, key=lambda entry: -(entry["evidence"] or 0.0))
 
@@ -50,7 +52,7 @@ def page(content: dict[str, Any], pictures: dict[str, bytes]) -> str:
         "<!doctype html><html lang='en'><head><meta charset='utf-8'><meta name='viewport' "
         "content='width=device-width'><title>Diagnosis</title><style>", _STYLE, "</style></head><body>",
         f"<h1>{e(headline(content))}</h1>",
-        f"<p class='small'>{e(recording['name'])}, from {start}: {recording['days']:.1f} days, "
+        f"<p class='small'>{e(recording['name'])}{_which(content)}, from {start}: {recording['days']:.1f} days, "
         f"{recording['dives']} dives between surfacings or blocks of yos, {recording['legs']} half yos. "
         f"Vehicle {e(content['vehicle']['name'])}. Diagnosed in {content['seconds']:.0f} s.</p>",
     ]  # fmt: skip
@@ -77,6 +79,11 @@ def page(content: dict[str, Any], pictures: dict[str, bytes]) -> str:
     return "\n".join(part for part in parts if part)
 
 
+def _which(content: dict[str, Any]) -> str:
+    told = content.get("regimes")
+    return f", mission {len(told)} of {len(told)}" if told else ""
+
+
 def _sureness(effect: dict[str, Any]) -> str:
     if effect["tentative"]:
         return "perhaps"
@@ -88,6 +95,8 @@ def _sureness(effect: dict[str, Any]) -> str:
 def _lead(effect: dict[str, Any]) -> str:
     twins = ", or ".join(spoken(a["title"]) for a in effect["alternatives"])
     or_twins = f" It could as well be {e(twins)}." if twins else ""
+    single = len(effect["parameters"]) == 1 and effect["parameters"][0]["value"] < 0.0
+    or_twins = (" Here the other way round: the number is negative." if single else "") + or_twins
     return (
         f"<p class='card'><b>{e(effect['title'])}</b>{e(size_in_words(effect))} "
         f"<span class='tag'>{_sureness(effect)}</span><br>{e(effect['plain'])}{or_twins}</p>"
@@ -132,6 +141,10 @@ def _plain(value: float) -> str:
     return f"{value:.0f}" if abs(value) >= 100.0 else f"{value:.3g}"
 
 
+def _level(value: float) -> str:
+    return f"{value:.0f}" if abs(value) >= 200.0 else f"{value:.2f}" if abs(value) >= 1.0 else f"{value:.3f}"
+
+
 def _next_steps(content: dict[str, Any]) -> str:
     steps = []
     if content["effects"]:
@@ -162,12 +175,12 @@ def _regimes(content: dict[str, Any]) -> str:
     rows = ""
     for name in names:
         cells = "".join(
-            f"<td>{one['levels'][name]['value']:.4g}</td>" if name in one["levels"] else "<td></td>" for one in told
+            f"<td>{_level(one['levels'][name]['value'])}</td>" if name in one["levels"] else "<td></td>" for one in told
         )
         unit = next(one["levels"][name]["unit"] for one in told if name in one["levels"])
         rows += f"<tr><td>{e(name.removeprefix('flight.').replace('_', ' '))}</td>{cells}<td>{e(unit)}</td></tr>"
     named = "".join(
-        f"<li>Mission {one['number']}: {e(one['summary'])} "
+        f"<li>Mission {one['number']}: {e('; '.join(spoken(t) for t in one['titles']) or 'nothing')} left out. "
         + (f"<a href='mission-{one['number']}/report.html'>Its own page.</a>" if one is not told[-1] else "This page.")
         + "</li>"
         for one in told
@@ -181,7 +194,7 @@ def _effect(effect: dict[str, Any]) -> str:
     if effect["located"]:
         lines.append(f"<p>Where it shows: {e(effect['located'])}</p>")
     rows = "".join(
-        f"<tr><td>{e(p['text'])}</td><td>{p['shown']['value']:.3g} {e(p['shown']['unit'])}</td>"
+        f"<tr><td>{e(_label(p))}</td><td>{p['shown']['value']:.3g} {e(p['shown']['unit'])}</td>"
         f"<td>{p['shown']['interval_90'][0]:.3g} to {p['shown']['interval_90'][1]:.3g}</td></tr>"
         for p in effect["parameters"]
     )
@@ -203,6 +216,12 @@ def _effect(effect: dict[str, Any]) -> str:
         names = ", ".join(f"{e(spoken(a['title']))} ({a['behind']:+.1f} nats behind)" for a in effect["alternatives"])
         lines.append(f"<p class='small'>As well explained by: {names}.</p>")
     return "\n".join(lines)
+
+
+def _label(parameter: dict[str, Any]) -> str:
+    """A parameter's text; that of another term than the effect's own says which."""
+    term = parameter["name"].rpartition(".")[0]
+    return f"{TERMS_BY_ID[term].info.title}: {parameter['text']}" if term in TERMS_BY_ID else parameter["text"]
 
 
 def _flow(content: dict[str, Any]) -> str:

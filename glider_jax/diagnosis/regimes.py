@@ -116,6 +116,7 @@ def join(contents: list[dict[str, Any]], compared: list[dict[str, Any]]) -> dict
             "number": number, "start": recording["start"], "days": recording["days"], "legs": recording["legs"],
             "verdict": content["verdict"], "summary": content["summary"], "changes": changes,
             "effects": [effect["id"] for effect in content["effects"]],
+            "titles": [effect["title"] for effect in content["effects"]],
             "levels": {name: {"value": v[0], "sd": v[1], "unit": v[2]} for name, v in told.items()},
         })  # fmt: skip
         sentences += [_sentence(number, one) for one in changes[:4]]
