@@ -27,6 +27,8 @@ READ = set(
     "mission vehicle currents bathymetry seafloor_from hydrography tides grid speeds polygons dialog recording "
     "recordings paths log board calibration flown flown_mission real".split()
 )
+#: Commands that need an input but no option in particular: without words the text only names them.
+NAMED = ("next", "scores")
 QUICK = ("terms", "doctor", "data", "board", "mission")
 _FENCE = re.compile(r"^[ ]*```[^\n]*\n(.*?)^[ ]*```", re.S | re.M)
 _INLINE = re.compile(r"`((?:glider-forecast|pytest)\b[^`]*)`")
@@ -70,7 +72,7 @@ def context_of(command: str):
         found = found.commands[rest.pop(0)]
     if hasattr(found, "commands") or "--help" in rest:
         return None
-    if not rest and any(param.required for param in found.params):
+    if not rest and (found.name in NAMED or any(param.required for param in found.params)):
         return None
     return found.make_context(command, rest)
 
