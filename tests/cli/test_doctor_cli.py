@@ -135,3 +135,15 @@ def test_help_and_completion_start_quickly():
         assert "plan" in completed("glider-forecast pl", 1)
         took.append(time.perf_counter() - begin)
     assert min(took) < 2.0, took
+
+
+def test_repeatable_options_take_what_a_shell_expands():
+    command = get_command(entry.app).commands["ensemble"]
+    line = "--currents a.nc b.nc --start-position 54.45 -7.1 --hydrography c d --hydrography e --n 5"
+    params = command.make_context("ensemble", line.split()).params
+    assert list(params["currents"]) == ["a.nc", "b.nc"] and [str(p) for p in params["hydrography"]] == ["c", "d", "e"]
+    assert tuple(params["start_position"]) == (54.45, -7.1) and params["n"] == 5
+    plan = get_command(entry.app).commands["plan"]
+    # Where an argument may follow, a word after a value is that argument.
+    params = plan.make_context("plan", "--vary pitch=20,26 mission.toml".split()).params
+    assert list(params["vary"]) == ["pitch=20,26"] and str(params["mission"]) == "mission.toml"
