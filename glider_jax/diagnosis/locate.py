@@ -192,20 +192,24 @@ def discoveries(found: list[Place], q: float = 0.05) -> list[Place]:
     return [replace(place, significant=i in kept) for i, place in enumerate(found)]
 
 
-_LARGE = {
-    "vertical speed": "downward speed is {size} beyond the model",
-    "displacement east": "the glider gets {size} further east than the model",
-    "displacement north": "the glider gets {size} further north than the model",
-    "surface drift east": "at the surface it drifts {size} more to the east",
-    "surface drift north": "at the surface it drifts {size} more to the north",
-}
+def _what(place: Place) -> str:
+    """What the glider or a measurement does beside the model, in words."""
+    size, more = f"{abs(place.size):.2g} {place.size_unit}", place.size > 0.0
+    if place.stream == "vertical speed" and place.phase:
+        # Positive is downward: a climb with a positive residual is slower.
+        verb, faster = ("sinks", more) if place.phase == "dives" else ("climbs", not more)
+        return f"the glider {verb} {size} {'faster' if faster else 'slower'} than the model"
+    for name, ways in (("east", ("east", "west")), ("north", ("north", "south"))):
+        if place.stream == f"displacement {name}":
+            return f"the glider gets {size} further {ways[not more]} than the model"
+        if place.stream == f"surface drift {name}":
+            return f"at the surface it drifts {size} more to the {ways[not more]}"
+    phase = f"on {place.phase}, " if place.phase else ""
+    return f"{phase}{place.stream} is {size} {'above' if more else 'below'} the model"
 
 
 def sentence(place: Place) -> str:
     """One plain sentence about a place."""
-    size = f"{place.size:+.2g} {place.size_unit}"
-    what = _LARGE.get(place.stream, f"{place.stream} is {{size}} beyond the model").format(size=size)
-    phase = f"on {place.phase}, " if place.phase else ""
     if place.covariate == "throughout":
         where = "all the time"
     elif place.covariate == "stroke":
@@ -214,8 +218,8 @@ def sentence(place: Place) -> str:
         where = f"most between day {place.low:.1f} and {place.high:.1f}"
     else:
         name = place.covariate.replace("_", " ")
-        where = f"most where {name} is {place.low:.3g} to {place.high:.3g} {place.unit}"
-    text = f"{phase}{what}, {where}."
+        where = f"most where {name} is {place.low:.4g} to {place.high:.4g} {place.unit}".rstrip()
+    text = f"{_what(place)}, {where}."
     return text[0].upper() + text[1:]
 
 

@@ -66,7 +66,7 @@ def test_false_discoveries_are_controlled():
     assert sum(p.significant for p in chance) <= 2
     mixed = discoveries([place(1e-6)] * 3 + [place(float(p)) for p in rng.uniform(0.2, 1.0, size=100)])
     assert [p.significant for p in mixed[:3]] == [True] * 3
-    said = "On climbs, downward speed is +1.1 cm/s beyond the model, most where depth is 10 to 20 m."
+    said = "The glider climbs 1.1 cm/s slower than the model, most where depth is 10 to 20 m."
     assert sentence(place(0.001)) == said
 
 
