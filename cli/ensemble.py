@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-_INPUTS, _PHYSICS, _OUTPUT = "Inputs", "Physics and uncertainty", "Output"
+_INPUTS, _PHYSICS, _SCALE, _OUTPUT = "Inputs", "Physics and uncertainty", "Large ensembles", "Output"
 
 
 def ensemble(
@@ -90,6 +90,18 @@ def ensemble(
         Path | None, typer.Option(help="GeoJSON areas whose entry is of interest.", rich_help_panel=_PHYSICS)
     ] = None,
     precision: Annotated[str, typer.Option(help="float32 or float64.", rich_help_panel=_PHYSICS)] = "float32",
+    processes: Annotated[
+        int, typer.Option(help="Processes that fly together; all on this machine unless told.", rich_help_panel=_SCALE)
+    ] = 1,
+    coordinator: Annotated[
+        str | None, typer.Option(help="HOST:PORT where the processes meet, the first one's.", rich_help_panel=_SCALE)
+    ] = None,
+    process_id: Annotated[
+        int | None, typer.Option(help="Which process this is, from 0; SLURM's by itself.", rich_help_panel=_SCALE)
+    ] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with an interrupted forecast in --out.", rich_help_panel=_SCALE)
+    ] = False,
     interval_h: Annotated[
         float | None, typer.Option(help="Hours between outputs; default about 120 outputs.", rich_help_panel=_OUTPUT)
     ] = None,
@@ -120,6 +132,7 @@ def ensemble(
 
     glider-forecast ensemble --mission mission.toml --currents hfr.nc --bathymetry etopo.nc --html
     """
+    from glider_jax_cli.processes import Processes
     from glider_jax_cli.session import cache_folder, compiled_cache, progress_bar
 
     compiled_cache()
@@ -160,8 +173,14 @@ def ensemble(
         spread=spread, precision=precision, decimal_degrees=decimal_degrees, outputs=outputs, style=style,
         cache=cache_folder() / "fields",
     )  # fmt: skip
-    with termination_raises(), progress_bar("members", n) as progress:
-        result = run_ensemble(options, out, progress)
+    with (
+        termination_raises(),
+        Processes(processes, coordinator, process_id) as group,
+        progress_bar("members", n) as progress,
+    ):
+        result = run_ensemble(options, out, progress, resume=resume, leads=group.leads, join=group.join)
+    if not group.leads:
+        return
     if json_:
         print(json.dumps(result.summary, allow_nan=False))
     else:

@@ -35,7 +35,8 @@ def compiled_cache() -> None:
     if "xla_force_host_platform_device_count" not in os.environ.get("XLA_FLAGS", ""):
         # Where the process has used JAX before, its devices stay: results do not depend on their number.
         with suppress(RuntimeError):
-            jax.config.update("jax_num_cpu_devices", max(1, len(os.sched_getaffinity(0))))
+            own = os.environ.get("GLIDER_JAX_DEVICES")
+            jax.config.update("jax_num_cpu_devices", int(own) if own else max(1, len(os.sched_getaffinity(0))))
 
 
 @contextmanager

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.experimental import multihost_utils
 from jax.sharding import Mesh, PartitionSpec
 from scipy.special import ndtri
 
@@ -253,21 +254,29 @@ def _fly_all(static, members, plan, env, column, east, north, spread, sd):
 
 
 def run_members(members, plan, shape, env, column, east, north, *, spread=1.0, fix_sd=10.0, devices=None):
-    """Run a batch of members on the given devices (all host devices by default); its size is padded to fit."""
+    """Run a batch of members on the given devices (by default all, those of other processes of the run too).
+
+    The size is padded to fit. With several processes every one must call it, with the same arguments.
+    """
     devices = jax.devices() if devices is None else devices
     count = members.heading.shape[0]
     if count < 1:
         raise ConfigError(f"ensemble: expected at least 1 member, found {count}.")
-    use = devices if count >= 2 * len(devices) else devices[:1]
+    several = jax.process_count() > 1
+    use = devices if several or count >= 2 * len(devices) else devices[:1]
     pad = -count % len(use)
     if pad:
-        members = jax.tree.map(lambda a: np.concatenate([a, a[:pad]]), members)
+        members = jax.tree.map(lambda a: np.concatenate([a, np.resize(a, (pad, *a.shape[1:]))]), members)
     mesh = Mesh(np.array(use), ("members",)) if len(use) > 1 else None
     number = partial(np.asarray, dtype=plan.dive_to.dtype)
-    state, outputs = programs.call(
-        "fly", _fly_all, (shape, mesh), tuple(use),
-        members, plan, env, column, number(east), number(north), number(spread), number(fix_sd),
-    )  # fmt: skip
+    given = (members, plan, env, column, number(east), number(north), number(spread), number(fix_sd))
+    if several:
+        # What lies on the devices of one process only is not known to the others; host arrays are the same in all.
+        given = jax.tree.map(np.asarray, given)
+    state, outputs = programs.call("fly", _fly_all, (shape, mesh), tuple(use), *given)
+    if several:
+        # Every process then holds what all of them have flown.
+        state, outputs = multihost_utils.process_allgather((state, outputs), tiled=True)
     if pad:
         state = jax.tree.map(lambda a: a[:count], state)
         outputs = jax.tree.map(lambda a: a[:, :count], outputs)

@@ -227,22 +227,42 @@ def forecast(n: int, run: Run, *, first: int = 0, chunk: int = CHUNK) -> Track:
 def fly_chunks(n: int, run: Run, *, first: int = 0, chunk: int = CHUNK) -> Iterator[Track]:
     """Fly members in chunks and yield each chunk as a ``Track``; memory holds one chunk at a time.
 
+    Where several processes fly together (``jax.distributed``), each flies its share of as many chunks as there are
+    processes, and the first alone yields them, in the order in which one process would.
+
+    Parameters
+    ----------
+    first : number of the first member; a multiple of ``chunk`` continues a run that was interrupted.
+
     Raises
     ------
     ConfigError : ``n`` is smaller than 1.
     """
     if n < 1:
         raise ConfigError(f"--n: expected at least 1 member, found {n}.")
-    for begin in range(first, first + n, chunk):
-        count = min(chunk, first + n - begin)
+    several = first > 0 or n > chunk
+    together = chunk * jax.process_count()
+    for begin in range(first, first + n, together):
+        count = min(together, first + n - begin)
         members, available = draw_run(run, begin, count)
         sd = run.vehicle.value("perturbation.initial_position")
-        state, outputs = run_members(
+        flown = run_members(
             members, run.plan, run.shape, run.environment, run.column, 0.0, 0.0, spread=run.spread, fix_sd=sd
         )
-        track = bring_home(run, members, available, state, outputs)
-        # Blocks that are written one after the other share their shape.
-        yield pad_surfacings(track, most_surfacings(run)) if n > chunk else track
+        if jax.process_index() > 0:
+            continue
+        for low in range(0, count, chunk):
+            part = slice(low, min(low + chunk, count))
+            own, (state, outputs) = (members, flown) if count <= chunk else _cut(members, *flown, part)
+            track = bring_home(run, own, available[part], state, outputs)
+            # Blocks that are written one after the other share their shape.
+            yield pad_surfacings(track, most_surfacings(run)) if several else track
+
+
+def _cut(members: Member, state: State, outputs: Output, part: slice):
+    """Some of the members flown."""
+    own, state = jax.tree.map(lambda a: a[part], (members, state))
+    return own, (state, jax.tree.map(lambda a: a[:, part], outputs))
 
 
 def draw_run(run: Run, begin: int, count: int):

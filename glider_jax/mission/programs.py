@@ -73,7 +73,8 @@ def _compile(key: str, function: Callable, static: Any, tree, leaves):
 
 def _folder() -> Path | None:
     folder = jax.config.jax_compilation_cache_dir
-    return Path(folder) / "programs" if folder else None
+    # A program of several processes cannot be read back by one.
+    return Path(folder) / "programs" if folder and jax.process_count() == 1 else None
 
 
 def _save(key: str, compiled, outside) -> None:
@@ -107,12 +108,12 @@ def _load(key: str, count: int):
 
 
 def _name(*parts) -> str:
-    text = "\n".join(map(str, (_surroundings(), *parts)))
+    text = "\n".join(map(str, (surroundings(), *parts)))
     return hashlib.sha256(text.encode()).hexdigest()[:40]
 
 
 @cache
-def _surroundings() -> str:
+def surroundings() -> str:
     """Source, versions, processor and switches that a compiled program depends on."""
     digest = hashlib.sha256()
     root = Path(__file__).parent.parent

@@ -299,57 +299,44 @@ def _source_notes(inputs: Inputs) -> list[str]:
     return notes
 
 
-def run_ensemble(options: Options, out: Path | None, progress: Callable[[int], None] | None = None) -> Result:
+def run_ensemble(
+    options: Options,
+    out: Path | None,
+    progress: Callable[[int], None] | None = None,
+    *,
+    resume: bool = False,
+    leads: bool = True,
+    join: Callable[[], None] | None = None,
+) -> Result:
     """Forecast and write the products.
 
     Parameters
     ----------
     out : folder of the products; None writes nothing.
     progress : called with the number of members flown so far.
+    resume : take up the checkpoint that an interrupted run left in ``out``; the result is the same to the bit.
+    leads : False in all but the first of several processes, which fly their share and write nothing.
+    join : called when the inputs are read and nothing is on a device yet, to meet the other processes.
 
     Returns
     -------
     The summary and the files written. Above ``STREAM_ABOVE`` members each chunk is written and summarised before the
     next is flown, and the track returned is the first chunk alone.
+
+    Raises
+    ------
+    DataError : there is nothing to resume, or it belongs to another forecast.
     """
-    from glider_jax.mission.forecast import fly_chunks, join
-    from glider_jax.products.netcdf import NetcdfWriter
-    from glider_jax.products.summary import SummaryAccumulator
+    from glider_jax.products.running import fly_products
 
     inputs = read_inputs(options)
     polygons = _read_polygons(options.polygons)
+    if join is not None:
+        join()
     run = prepare_run(options, inputs)
-    summary = SummaryAccumulator(polygons=polygons, reserve=options.reserve)
-    stream = options.n > STREAM_ABOVE
-    kept: list[Track] = []
-    files: dict[str, Path] = {}
-    writer = None
-    if out is not None and "nc" in options.outputs:
-        writer = NetcdfWriter(out / "forecast.nc", members=options.n)
-    done = 0
-    try:
-        for track in fly_chunks(options.n, run):
-            summary.add(track)
-            if writer is not None and stream:
-                writer.append(track)
-            if not stream or not kept:
-                kept.append(track)
-            done += track.n
-            if progress is not None:
-                progress(done)
-        whole = kept[0] if stream else join(kept)
-        if writer is not None:
-            if not stream:
-                writer.append(whole)
-            files["nc"] = writer.close(complete=True)
-    except BaseException as error:
-        if writer is not None:
-            if isinstance(error, KeyboardInterrupt | SystemExit):
-                writer.close(complete=False)
-            else:
-                writer.discard()
-        raise
-    result = summary.result()
+    whole, result, files = fly_products(run, options, out if leads else None, polygons, progress, resume=resume)
+    if not leads:
+        return Result({})
     if out is not None:
         files |= write_products(whole, result, inputs, out, options.outputs, options.style)
     return Result(result, files, whole)

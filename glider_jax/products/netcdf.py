@@ -139,6 +139,37 @@ class NetcdfWriter:
             self.written = self.final
         return self.written
 
+    def state(self) -> dict:
+        """What :meth:`take_up` needs to go on with this file from here."""
+        return {"count": self.count, "complete": self._complete, "extent": self._extent}
+
+    def take_up(self, state: dict, block: Track) -> None:
+        """Go on with the partial file of an interrupted forecast; rows after those counted are written again.
+
+        Parameters
+        ----------
+        state : from :meth:`state`.  block : one that was written to the file.
+
+        Raises
+        ------
+        DataError : the partial file is gone or cannot be opened.
+        """
+        path = partial_path(self.final)
+        try:
+            # The library would make a file that is not there.
+            path.stat()
+            self._dataset = netCDF4.Dataset(path, "r+")
+        except OSError as error:
+            raise DataError(
+                f"{path}: expected the unfinished file that the checkpoint belongs to, found: "
+                f"{error.strerror or error}. Leave out --resume to start anew."
+            ) from error
+        block = with_surfacing(block)
+        self.count, self._complete, self._extent = state["count"], state["complete"], state["extent"]
+        self._first, self._columns = take_none(block), columns(block)
+        for column in self._columns:
+            self._dataset.variables[column.name].set_auto_maskandscale(False)
+
     def discard(self) -> None:
         """Close and remove the unfinished file."""
         if self._dataset is not None:
