@@ -16,7 +16,8 @@ import numpy as np
 
 from glider_jax.products.clouds import Cloud
 from glider_jax.products.coordinates import LocalFrame, iso_time, place_text, unwrap_longitude, wrap_longitude
-from glider_jax.products.html import tables
+from glider_jax.products.html import power, tables
+from glider_jax.products.html.formats import area, elapsed
 from glider_jax.products.html.geography import bathymetry_layers, current_layer, density_layer, encode, rings, wider
 from glider_jax.products.html.page import Safe, page, safe, section, settings_block, warnings, write_page
 from glider_jax.products.maps import map_limits
@@ -65,8 +66,8 @@ def report(track: Track, summary: Mapping[str, Any], fields: Fields = Fields(), 
         section("map-part", "Map", map_block(frames, drawn)),
         section("surfacings", "Next surfacings", tables.next_fix(live) if live else "", tables.surfacings(summary)),
         section("waypoints", "Waypoints and areas", tables.waypoints(summary), tables.areas(summary)),
-        section("battery", "Battery", tables.battery(summary)),
-        section("energy", "Energy by component", tables.energy(summary)),
+        section("battery", "Battery", power.battery(summary)),
+        section("energy", "Energy by component", power.energy(summary)),
         section("outcomes", "How members end", tables.outcomes(summary)),
         section("inputs", "Inputs and their ages", tables.inputs(summary, fields.currents, fields.bathymetry)),
         section("assumptions", "Assumed, ignored and repaired", tables.assumptions(summary, track.n)),
@@ -183,13 +184,13 @@ def _frame(entry: Mapping[str, Any], hours: float, horizon: float, reference: fl
     words = []
     if place:
         words.append(f"{place['text']} ({place['latitude']:.4f}, {place['longitude']:.4f})")
-    sizes = [f"{100 * r['probability']:.0f} % region {tables.area(r['area_km2'])}" for r in entry["regions"]]
+    sizes = [f"{100 * r['probability']:.0f} % region {area(r['area_km2'])}" for r in entry["regions"]]
     words.append(", ".join(sizes) if sizes else "")
     if share < 0.9995:
         words.append(f"{100 * share:.1f} % of members under way")
     words.append(f"charge left {charge['median']:.1f} % (90 %: {charge['p05']:.1f} to {charge['p95']:.1f} %)")
     return {
-        "when": f"{moment:%a} {moment.day} {moment:%b %Y %H:%M}Z · {tables.elapsed(hours)}",
+        "when": f"{moment:%a} {moment.day} {moment:%b %Y %H:%M}Z · {elapsed(hours)}",
         "hours": hours,
         "share": round(hours / horizon, 5) if horizon else 0.0,
         "told": " · ".join(word for word in words if word),

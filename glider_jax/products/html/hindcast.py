@@ -15,9 +15,9 @@ from glider_jax.products.coordinates import iso_time, place_text, unwrap_longitu
 from glider_jax.products.hindcast import Case
 from glider_jax.products.html.charts import Chart
 from glider_jax.products.html.forecast import map_block
+from glider_jax.products.html.formats import area
 from glider_jax.products.html.geography import bathymetry_layers, encode, rings, wider
 from glider_jax.products.html.page import Safe, cards, page, paragraph, section, settings_block, table, write_page
-from glider_jax.products.html.tables import area
 from glider_jax.products.provenance import creation_time
 from glider_jax.products.shapes import multipolygon
 from glider_jax.records import BathymetryGrid
