@@ -89,8 +89,13 @@ class Looks:
             shapes = {
                 name: prior.median * float(np.exp(z * np.log(prior.factor))) for name, (_, prior) in self.shaped.items()
             }
-            _, columns = self.replay.jacobian(self.problem.values, {**shapes, **self.problem.shapes})
+            _, columns = self.replay.slopes(self.problem.values, {**shapes, **self.problem.shapes}, self._bent())
             self.grids.append((z, shapes, columns))
+
+    def _bent(self) -> list[int]:
+        """Unknowns whose terms have shapes on a grid."""
+        ids = {id for id, _ in self.shaped.values()}
+        return [i for i, u in enumerate(self.replay.unknowns) if u.term in ids and u.kind == "candidate"]
 
     def __call__(self, own: dict[str, Array]) -> list[tuple[list[Column], dict[str, Array]]]:
         found: list[tuple[list[Column], dict[str, Array]]] = []
@@ -98,11 +103,10 @@ class Looks:
         for name, block in wrong.items():
             found.append(([Column(-1, "inadequacy", "inadequacy") for _ in range(block.shape[1])], {name: block}))
         places = {u.name: i for i, u in enumerate(self.replay.unknowns)}
-        shaped = sorted({id for id, _ in self.shaped.values()})
         for number, (_, _, columns) in enumerate(self.grids, start=1):
-            index = [i for i, u in enumerate(self.replay.unknowns) if u.term in shaped and u.kind == "candidate"]
-            labels = [Column(i, self.replay.unknowns[i].name, self.replay.unknowns[i].term, number) for i in index]
-            found.append((labels, {name: np.nan_to_num(c[:, index]) for name, c in columns.items()}))
+            bent = [(i, self.replay.unknowns[i]) for i in self._bent()]
+            labels = [Column(i, unknown.name, unknown.term, number) for i, unknown in bent]
+            found.append((labels, {name: np.nan_to_num(c) for name, c in columns.items()}))
         found += self._heaving(places)
         found += self._steps(own, places)
         return found

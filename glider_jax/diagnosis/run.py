@@ -253,8 +253,10 @@ class _Settled(Search):
         if not self.only:
             super().run()
             return
-        self.looks.prepare()
+        if any(id in self.only for id, _ in self.looks.shaped.values()):
+            self.looks.prepare()
         self.relinearise(harden=2)
+        self.relinearise()
         for id in self.only:
             candidate = next((c for c in self.candidates if c.id == id), None)
             if candidate is not None:

@@ -30,6 +30,8 @@ from glider_jax.inference.noise import fit_noise
 ACCEPT, DROP, SWAP, ALIKE = 4.3, 3.3, 1.0, 3.0
 #: nats beyond which the noise law need not be asked again.
 CLEAR = 25.0
+#: nats beyond which a single effect need not be taken out again to be believed.
+BEYOND = 100.0
 MOST_EFFECTS, MOST_MOVES = 6, 14
 
 
@@ -169,6 +171,9 @@ class Search:
         Each set, with and without, is judged where its own fit comes to rest: extrapolated from the fitted values an
         effect that is far from linear would seem to be worth more than it is.
         """
+        near = [self._worth(k) for k in range(len(self.picks))]
+        if len(near) == 1 and near[0] > BEYOND:
+            return near
         whole = self._rest(self.picks)
         return [
             whole - self._rest([p for p in self.picks if p is not pick]) + pick.candidate.log_odds + pick.looked

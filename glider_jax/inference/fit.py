@@ -245,9 +245,9 @@ def converged(
     values[own] = start[own]
     best = -np.inf
     for _ in range(rounds):
-        predicted, slopes = problem.replay.jacobian(values, shapes)
+        predicted, slopes = problem.replay.slopes(values, shapes, own)
         raw = np.concatenate([streams[n].value - predicted[n] for n in problem.names])
-        columns = np.nan_to_num(np.concatenate([slopes[n] for n in problem.names])[:, own])
+        columns = np.nan_to_num(np.concatenate([slopes[n] for n in problem.names]))
         raw = raw + columns @ ((values - centres) / scales)[own]
         columns = columns if more is None else np.concatenate([columns, more], axis=1)
         white = np.empty((raw.size, 1 + columns.shape[1]))

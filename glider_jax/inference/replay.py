@@ -10,6 +10,7 @@ common lengths and all numbers are traced, so that one compiled program serves a
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -82,6 +83,19 @@ class Replay:
         """Predictions, and their derivatives by all unknowns, (n, unknowns) per unit of each unknown's scale."""
         found, columns = _jacobian(self.program, jnp.asarray(values), self._whole(shapes))
         return self._cut(found), self._cut(columns)
+
+    def slopes(
+        self, values: Array, shapes: dict[str, Any] | None, own: Sequence[int]
+    ) -> tuple[dict[str, Array], dict[str, Array]]:
+        """As :meth:`jacobian`, by some unknowns alone, (n, own): as cheap as they are few."""
+        long = next((n for n in FEW if n >= len(own)), None)
+        if long is None:
+            found, columns = self.jacobian(values, shapes)
+            return found, {name: column[:, list(own)] for name, column in columns.items()}
+        directions = np.zeros((long, len(self.unknowns)))
+        directions[np.arange(len(own)), list(own)] = np.asarray(self.program.scales)[list(own)]
+        found, columns = _along(self.program, jnp.asarray(values), self._whole(shapes), jnp.asarray(directions))
+        return self._cut(found), {name: column[:, : len(own)] for name, column in self._cut(columns).items()}
 
     def _cut(self, found: dict[str, Any]) -> dict[str, Array]:
         """Streams without what filled them up."""
@@ -413,6 +427,15 @@ def _predict(program: Program, values: Any, shapes: dict[str, Any]) -> dict[str,
 
 
 _BATCH = 16
+#: Numbers of unknowns for which derivatives by some of them are compiled.
+FEW = (32,)
+
+
+@eqx.filter_jit
+def _along(program: Program, values: Any, shapes: dict[str, Any], directions: Any) -> tuple[dict, dict]:
+    """Predictions, and their derivatives along some directions (k, unknowns)."""
+    value, push = jax.linearize(lambda x: {**_motion(program, x, shapes), **_power(program, x, shapes)}, values)
+    return value, {name: block.T for name, block in jax.lax.map(push, directions, batch_size=_BATCH).items()}
 
 
 @eqx.filter_jit

@@ -49,7 +49,7 @@ NUISANCES: tuple[Nuisance, ...] = (
 )
 GAUGE_DEPTH = 0.3
 #: Added mass along the hull over mass, and how well the response time that follows is known, share.
-AXIAL, RESPONSE_SHARE = 0.2, 0.1
+AXIAL, RESPONSE_SHARE = 0.2, 0.25
 
 
 @dataclass(frozen=True)

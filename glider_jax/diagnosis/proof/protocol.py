@@ -27,7 +27,7 @@ import glider_jax
 from glider_jax.diagnosis.proof import cases as cases_
 from glider_jax.diagnosis.proof import spikes
 from glider_jax.diagnosis.proof.cases import CONFUSABLE, FURTHER, OUTSIDE, PUBLISHED, REGIONS, UNSEEN, Spec
-from glider_jax.diagnosis.proof.metrics import confusion, judge, named, summary, table
+from glider_jax.diagnosis.proof.metrics import STRONG, confusion, judge, named, strength, summary, table
 from glider_jax.errors import ConfigError, did_you_mean
 
 DIAGNOSIS = "glider_jax.diagnosis.run:diagnose"
@@ -222,6 +222,17 @@ def accepts(function: Callable, name: str) -> bool:
     return name in parameters or any(p.kind is p.VAR_KEYWORD for p in parameters.values())
 
 
+def interleaved(truths: Sequence[Mapping]) -> list[Mapping]:
+    """Truths in an order in which every set advances alike, so that a run that was stopped is a fair part of it."""
+    sizes = {kind: sum(t["kind"] == kind for t in truths) for kind in SETS}
+    seen = dict.fromkeys(SETS, 0)
+    placed = []
+    for truth in truths:
+        placed.append(((seen[truth["kind"]] + 0.5) / sizes[truth["kind"]], truth))
+        seen[truth["kind"]] += 1
+    return [truth for _, truth in sorted(placed, key=lambda pair: pair[0])]
+
+
 def run_case(out: Path, truth: Mapping, settings: Mapping[str, Any]) -> dict:
     """Write one case, diagnose it and score it; called in a worker. The result is written to ``results/``.
 
@@ -246,7 +257,8 @@ def run_case(out: Path, truth: Mapping, settings: Mapping[str, Any]) -> dict:
     seconds = time.perf_counter() - began
     best = None
     ids = tuple(sorted(cases_.grouped(truth["effects"])))
-    if settings["oracle"] and ids and truth["kind"] in ("single", "pair") and accepts(diagnose, "only"):
+    wanted = settings["oracle"] and ids and truth["kind"] in ("single", "pair") and strength(truth) >= STRONG
+    if wanted and accepts(diagnose, "only"):
         best = diagnose(folder, out / "diagnosed" / f"{name}_oracle", only=ids, **plain)
     result = judge(truth, found, seconds, best)
     if truth["kind"] == "real":
@@ -307,7 +319,7 @@ def prove(
     out.mkdir(parents=True, exist_ok=True)
     truths = seal(out, count, seed, kind, further, real)
     settings = {"diagnosis": diagnosis, "ablation": ablation, "oracle": oracle, "keep": keep, "real": real}
-    left = [t for t in truths if not (out / "results" / f"{t['name']}.json").exists()]
+    left = [t for t in interleaved(truths) if not (out / "results" / f"{t['name']}.json").exists()]
     said(f"{len(truths)} truths sealed in {out / 'sealed.json'}, {len(left)} cases to diagnose")
     failures: dict[str, str] = {}
     done = len(truths) - len(left)
