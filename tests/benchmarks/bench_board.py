@@ -1,6 +1,6 @@
 """Measure the board's decoder: undetected damage, speed and memory, and the coverage of fitted models.
 
-Run: ``python tests/benchmarks/bench_board.py corruption|speed|coverage``. Results are printed as JSON.
+Run: ``python -m tests.benchmarks.bench_board corruption|noise|speed|coverage``. Results are printed as JSON.
 """
 
 from __future__ import annotations
