@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -192,3 +193,14 @@ def test_the_flown_mission_beats_the_peer(real):
     assert dives[0].miss["last"] < 6100.0 and dives[0].miss["none"] < 2700.0 and dives[0].miss["felt"] < 700.0
     assert abs(dives[0].late) < 17 * 60.0
     assert len(flown_lines(dives)) == 5
+
+
+def test_the_notebook_was_run_and_is_small():
+    path = Path(__file__).parents[2] / "notebooks" / "validation.ipynb"
+    text = path.read_text(encoding="utf-8")
+    cells = [cell for cell in json.loads(text)["cells"] if cell["cell_type"] == "code"]
+    assert len(text) < 500_000 and all(cell["execution_count"] for cell in cells)
+    kinds = [output["output_type"] for cell in cells for output in cell["outputs"]]
+    assert "error" not in kinds and kinds.count("display_data") >= 5
+    # Every row is in it, with the numbers of the page.
+    assert all(row.name in text for row in v.PAPER)
