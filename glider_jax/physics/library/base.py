@@ -215,7 +215,7 @@ class Response(AbstractTerm):
     info: ClassVar[TermInfo] = TermInfo(
         id="base.response",
         channels=(Channel.RESPONSE_TIME,),
-        equation=r"\dot w = (w_\infty - w)/\tau",
+        equation=r"\dot U = (U_\infty - U)/\tau",
         reads=(),
         valid="steady pitch and pump after an inflection",
         reference=MERCKELBACH_2019 + ", added masses",

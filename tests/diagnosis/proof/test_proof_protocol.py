@@ -230,3 +230,11 @@ def test_the_command_seals_and_tells(tmp_path, fake):
     assert ran.exit_code == 0
     report = json.loads(ran.stdout.strip().splitlines()[-1])
     assert report["scores"]["null"]["false alarm"]["hits"] == 1
+
+
+def test_sets_advance_alike():
+    truths = [{"kind": kind, "name": f"{kind}{i}"} for kind, n in (("null", 3), ("single", 6)) for i in range(n)]
+    order = [t["kind"] for t in protocol.interleaved(truths)]
+    assert sorted(order) == sorted(t["kind"] for t in truths)
+    for stop in (3, 6, 9):
+        assert order[:stop].count("null") == stop // 3
