@@ -90,9 +90,13 @@ def course_of(found: Finding) -> Course | None:
     typical = np.where(flowing, 0.5, 1.0)
     # Weights that the search gave to moments look at all of them; what is to be foreseen may not.
     fresh = CourseNoise(noise.displacement, noise.drift, noise.product)
+    # What a compass or a clock was found to be wrong by is no flow.
+    named = [i for pick in found.search.picks if pick.candidate.id != ID for i in pick.variant.columns]
+    place = {column: n for n, column in enumerate(found.search.active)}
+    other = linear.raw_columns[rows][:, named] @ np.array([found.mean[place[i]] for i in named]) if named else 0.0
     return Course(
         fresh,
-        linear.raw[rows],
+        linear.raw[rows] - other,
         linear.raw_columns[rows][:, wanted] * typical,
         tuple(unknowns[linear.labels[i].unknown].name for i in wanted),
         flowing,
