@@ -50,7 +50,17 @@ def call(name: str, function: Callable, static: Any, devices: tuple, *arguments)
     shapes = tuple((leaf.shape, str(leaf.dtype), bool(getattr(leaf, "weak_type", False))) for leaf in leaves)
     key = _name(name, static, devices, shapes, str(tree))
     if key not in _known:
-        _known[key] = _load(key, len(leaves)) or _compile(key, function, static, tree, leaves)
+        found = _load(key, len(leaves), devices)
+        if found is not None:
+            try:
+                result = found[0](*leaves)
+            except RuntimeError:
+                # What was read does not run here, whatever the reason: it is made anew.
+                found = None
+            else:
+                _known[key] = found
+                return jax.tree.unflatten(jax.tree.structure(found[1]), result)
+        _known[key] = _compile(key, function, static, tree, leaves)
     compiled, outside = _known[key]
     return jax.tree.unflatten(jax.tree.structure(outside), compiled(*leaves))
 
@@ -66,7 +76,14 @@ def _compile(key: str, function: Callable, static: Any, tree, leaves):
         return found
 
     wide = {"xla_cpu_prefer_vector_width": "512"} if jax.default_backend() == "cpu" else {}
-    compiled = jax.jit(flat).lower(*leaves).compile(compiler_options=wide)
+    lowered = jax.jit(flat).lower(*leaves)
+    # A program that JAX's own cache gave back cannot be written again whole, so it is not asked.
+    cached = jax.config.jax_enable_compilation_cache
+    jax.config.update("jax_enable_compilation_cache", cached and _folder() is None)
+    try:
+        compiled = lowered.compile(compiler_options=wide)
+    finally:
+        jax.config.update("jax_enable_compilation_cache", cached)
     _save(key, compiled, outside[-1])
     return compiled, outside[-1]
 
@@ -93,7 +110,7 @@ def _save(key: str, compiled, outside) -> None:
         return
 
 
-def _load(key: str, count: int):
+def _load(key: str, count: int, devices: tuple):
     """A kept program and the shape of what it returns, or None."""
     folder = _folder()
     if folder is None:
@@ -102,7 +119,7 @@ def _load(key: str, count: int):
         payload, outside = pickle.loads((folder / f"{key}.program").read_bytes())
         inside = jax.tree.structure((tuple(range(count)), {}))
         found = jax.tree.structure(list(jax.tree.leaves(outside)))
-        return deserialize_and_load(payload, inside, found), outside
+        return deserialize_and_load(payload, inside, found, execution_devices=list(devices)), outside
     except _UNREADABLE:
         return None
 
