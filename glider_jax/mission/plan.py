@@ -153,6 +153,7 @@ def make_plan(
     product_error: bool = False,
     temperature: float = 288.15,
     density: float = 1025.0,
+    home: tuple[float, float] | None = None,
     dtype=jnp.float32,
 ) -> tuple[Plan, Shape]:
     """Make the traced and the static half of a plan.
@@ -165,6 +166,7 @@ def make_plan(
     levels : layers of the flight tables.  block : s after which the flight tables are made anew, infinity for never.
     product_error : whether the current product states its own error.
     temperature, density : K and kg m-3, means of the water flown through.
+    home : (latitude, longitude) of the start, to which a program may lead back; the frame's origin if None.
     """
     order, loop = legs_of(mission)
     timed = [rule for rule in mission.surface if rule.kind in TIMED]
@@ -188,7 +190,7 @@ def make_plan(
     def number(value):
         return on_device(value, dtype)
 
-    kinds, program = make_program(mission, vehicle.battery, frame, order, t0, timed, dtype)
+    kinds, program = make_program(mission, vehicle.battery, frame, order, t0, timed, dtype, home)
     nodes, probabilities = (np.array([0.3, 0.3]), np.array([0.0, 1.0])) if speeds is None else speeds
     plan = Plan(
         waypoints=number(np.stack([east, north], -1)),

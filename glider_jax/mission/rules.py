@@ -47,12 +47,14 @@ def make_program(
     t0: float,
     timed: list,
     dtype,
+    home: tuple[float, float] | None = None,
 ):
     """The static and the traced half of a mission's program; two empty tuples where it has none.
 
     Parameters
     ----------
     order : waypoints as flown.  t0 : UTC seconds of the start.  timed : the surface rules with a clock, in order.
+    home : (latitude, longitude) where the flight starts; the frame's origin if None.
 
     Raises
     ------
@@ -81,8 +83,8 @@ def make_program(
             periodic = [r.seconds if r.kind not in ("every", "after") else rule.surface_every for r in timed]
             values["surface_every"] = jnp.asarray(periodic, dtype)
         if kind == "place":
-            # Home is where the flight started, which is the frame's origin.
-            east, north = (0.0, 0.0) if rule.goto == "home" else frame.to_metres(*np.array(rule.goto, float))
+            place = home if rule.goto == "home" else rule.goto
+            east, north = (0.0, 0.0) if place is None else frame.to_metres(*np.array(place, float))
             values["goto"] = jnp.asarray([east, north], dtype)
         elif kind == "waypoint":
             leg = _leg_of(mission, order, int(rule.goto), f"{mission.name}: program rule {index}")
