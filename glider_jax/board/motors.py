@@ -1,7 +1,7 @@
 """Motor events in board samples: each motor has its own channel, 31 samples a second; NumPy only.
 
 The zero of a channel is taken from the seconds before and after each event, while its motor rests, so that the drift of
-the sensor drops out. Current at the battery times the voltage that the glider recorded, interpolated, is the power.
+the sensor drops out. Current at the battery times the voltage that the glider recorded, with its sag, is the power.
 Channels may be sampled at different rates; each is integrated at its own.
 """
 
@@ -16,6 +16,7 @@ from glider_jax.board.calibration import Calibration, undithered
 from glider_jax.board.detect import Running, find_running, merge_runs, rest_level
 from glider_jax.board.events import Event, GliderRecord, direction_of, interpolate, pair_inflections
 from glider_jax.board.record import BoardRecord
+from glider_jax.board.sag import Voltage, battery_voltage
 from glider_jax.board.steady import Level, mean_of_blocks, phases, state_names
 from glider_jax.errors import DataError
 
@@ -92,12 +93,13 @@ def events_from_board(
         raise DataError(
             f"{record.name}: expected the battery voltage, found none. Give the glider's recording or --voltage."
         )
+    supply = battery_voltage(record, glider, calibration, voltage)
     events: list[Event] = []
     for motor in motors:
         found = running(record, motor, calibration)
         parts = [_Part.of(record, name, calibration, found) for name in motor.channels]
         for epoch, first, last in zip(found.epoch, found.first, found.last, strict=True):
-            events.append(_measure(parts, glider, voltage, motor, int(epoch), int(first), int(last)))
+            events.append(_measure(parts, glider, supply, motor, int(epoch), int(first), int(last)))
     return pair_inflections(events)
 
 
@@ -137,7 +139,7 @@ class _Part:
 def _measure(
     parts: list[_Part],
     glider: GliderRecord | None,
-    voltage: float | None,
+    supply: Voltage,
     motor: Motor,
     epoch: int,
     first: int,
@@ -158,7 +160,7 @@ def _measure(
             continue
         zero, noise, count = part.rest(epoch, low, high)
         current = (own.counts[rows, part.column] - zero) * part.amperes_per_count
-        volts = _volts(own.utc(rows), glider, voltage)
+        volts = supply.at(own, epoch, rows)
         charge += float(current.sum() * own.spacing)
         energy += float((current * volts).sum() * own.spacing)
         scale = part.amperes_per_count * noise * own.spacing
@@ -210,16 +212,6 @@ def _peak(parts: list[_Part], epoch: int, first: int, last: int) -> float:
             other = dict(zip(ticks.tolist(), current.tolist(), strict=True))
             total = {tick: value + other[tick] for tick, value in total.items() if tick in other}
     return max(total.values(), key=abs) if total else float("nan")
-
-
-def _volts(
-    utc: NDArray[np.float64], glider: GliderRecord | None, voltage: float | None
-) -> NDArray[np.float64]:
-    """Battery voltage at some times: the glider's, or the one given where it recorded none."""
-    if glider is None:
-        return np.full(utc.size, voltage, dtype=np.float64)
-    volts = interpolate(utc, glider.time, glider.voltage, 900.0)
-    return np.where(np.isfinite(volts), volts, np.nan if voltage is None else voltage)
 
 
 def board_levels(

@@ -213,7 +213,9 @@ def simulate(plan: Plan, seed: int = 0, stated: Calibration | None = None) -> Fl
     counted = glider.current * (1.0 + rng.normal(0.0, plan.counter_gain_sd))
     charge = np.cumsum(counted * np.diff(glider.time, prepend=glider.time[0]))
     recorded = counted + rng.normal(0.0, plan.current_noise, counted.size)
-    glider = replace(glider, current=recorded, charge=np.floor(charge / plan.counter_step) * plan.counter_step)
+    glider = replace(
+        glider, current=recorded, charge=np.floor(charge / plan.counter_step) * plan.counter_step
+    )
     truth = {
         "energy.pump_dive_to_climb.intercept": plan.intercept,
         "energy.pump_dive_to_climb.slope": plan.slope,
