@@ -82,7 +82,8 @@ class Setting:
 
     ``days`` flown, ``km`` over the ground, ``profiles`` dives and climbs, ``wh`` drawn, ``left`` share of the charge,
     ``contacts`` surfacings, ``finished`` whether the goal was met, ``success`` whether above the reserve and in time.
-    ``story`` numbers that say why a mission fails.
+    ``story`` numbers that say why a mission fails. ``fired`` per rule of the mission's program: its words, the share of
+    members in which it fired, and the median day.
     """
 
     choices: dict[str, float | str]
@@ -97,6 +98,7 @@ class Setting:
     outcome: Array = field(default_factory=lambda: np.empty(0, int))
     story: dict[str, float] = field(default_factory=dict)
     refused: str = ""
+    fired: tuple[tuple[str, float, float], ...] = ()
 
     @property
     def probability(self) -> float:
@@ -382,8 +384,18 @@ def summarise_setting(track: Track, run: Any, case: Case, choices: Mapping[str, 
         choices=dict(choices), days=days, km=track.distance_over_ground[:, -1].astype(float) / 1e3,
         profiles=track.inflections[:, -1].astype(float), wh=track.energy[:, -1].sum(-1, dtype=float) / WH, left=left,
         contacts=np.isfinite(track.surfacing_time).sum(1).astype(float), finished=finished, success=success,
-        outcome=track.outcome.astype(int), story=_story(track, case),
+        outcome=track.outcome.astype(int), story=_story(track, case), fired=_fired(track),
     )  # fmt: skip
+
+
+def _fired(track: Track) -> tuple[tuple[str, float, float], ...]:
+    """Words, share of members and median day of every rule of the mission's program."""
+    found = []
+    for k, rule in enumerate(track.program):
+        days = (track.program_time[:, k] - track.time[0]) / DAY
+        known = days[np.isfinite(days)]
+        found.append((rule, known.size / track.n, float(np.median(known)) if known.size else math.nan))
+    return tuple(found)
 
 
 def _story(track: Track, case: Case) -> dict[str, float]:

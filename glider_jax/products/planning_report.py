@@ -176,7 +176,7 @@ def plan_page(case: Case, choices, settings, chosen, hangs, options: PlanOptions
         "",
     ]
     for one in chosen:
-        lines += [*_answer(one, case, options), ""]
+        lines += [*_answer(one, case, options), "", *_program(one.setting or one.best)]
     lines += ["## Trade-offs", "", *_table(settings, chosen), ""]
     refused = [s for s in settings if s.refused]
     if refused:
@@ -215,6 +215,15 @@ def _answer(one: Recommendation, case: Case, options: PlanOptions) -> list[str]:
             "with the same seeds"
         )
     return [text, "", sure + "."]
+
+
+def _program(setting: Setting) -> list[str]:
+    """How often the rules of the mission's program fire in a setting; nothing without a program."""
+    lines = []
+    for rule, share, day in setting.fired:
+        when = f", median day {day:.1f}" if np.isfinite(day) else ""
+        lines.append(f"- {rule} fires in {100 * share:.0f} % of members{when}")
+    return [*lines, ""] if lines else []
 
 
 def _table(settings: Sequence[Setting], chosen: Sequence[Recommendation]) -> list[str]:
@@ -286,6 +295,7 @@ def plan_numbers(case: Case, settings, chosen, hangs, options: PlanOptions) -> d
             "choices": s.choices, "probability": s.probability, "finished": float(s.finished.mean()),
             **{name: spread(getattr(s, name)) for name in names},
             "wh_per_day": spread(s.rate("wh")), "km_per_day": spread(s.rate("km")), "story": s.story,
+            "program": [{"rule": rule, "share": share, "median_day": day} for rule, share, day in s.fired],
         }  # fmt: skip
 
     def answer(one: Recommendation) -> dict[str, Any]:

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from glider_jax.config import Mission, SurfaceRule, Yo
+from glider_jax.config import Condition, Mission, ProgramRule, SurfaceRule, Yo
 from glider_jax.environment.synthetic import synthetic_bathymetry, synthetic_currents
 from glider_jax.errors import ConfigError
 from glider_jax.products.job import Options
@@ -162,6 +162,23 @@ def test_settings_flown_together_are_those_flown_alone(case):
             np.testing.assert_allclose(getattr(together[k], name), getattr(alone, name), rtol=2e-3, err_msg=name)
         assert together[k].story["current_along"] == pytest.approx(alone.story["current_along"], abs=1e-3)
     assert abs(together[0].km - together[4].km).max() > 0.1
+
+
+def test_a_plan_says_how_often_the_rules_of_a_program_fire(case):
+    late = ProgramRule((Condition("elapsed_above", 0.5 * 86400.0),), "half a day: shallow", dive_to=20.0)
+    never = ProgramRule((Condition("energy_used_above", 1e9),), goto="home")
+    flying = replace(case, mission=replace(case.mission, program=(late, never)))
+    flown = sweep(flying, parse_choices(["dive_to=40,60"]))
+    for setting in flown:
+        (words, share, day), (_, none, unknown) = setting.fired
+        assert words == "rule 1 'half a day: shallow'" and share == 1.0 and day == pytest.approx(0.5, abs=0.02)
+        assert none == 0.0 and math.isnan(unknown)
+    # Shallower dives for the second half: more turns than without the rule.
+    assert (flown[1].profiles > 1.3 * sweep(case, parse_choices(["dive_to=60"]))[0].profiles).all()
+    page = plan_page(flying, {}, flown, recommend(flown, confidence=0.5), {}, PlanOptions(Options(), ()))
+    assert "- rule 1 'half a day: shallow' fires in 100 % of members, median day 0.5" in page
+    numbers = plan_numbers(flying, flown, [], {}, PlanOptions(Options(), ()))
+    assert json.loads(json.dumps(numbers, allow_nan=False))["settings"][0]["program"][1]["median_day"] is None
 
 
 def test_the_instrument_costs_what_was_published(case):
