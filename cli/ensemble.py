@@ -14,9 +14,9 @@ _INPUTS, _PHYSICS, _SCALE, _OUTPUT = "Inputs", "Physics and uncertainty", "Large
 def ensemble(
     n: Annotated[int, typer.Option("--n", "-n", help="Number of members.", rich_help_panel=_PHYSICS)] = 5000,
     mission: Annotated[
-        Path | None,
+        list[Path] | None,
         typer.Option(
-            help="Mission: TOML file, Slocum .mi file, or its folder. Default: bundled New Jersey mission.",
+            help="Mission: TOML file, Slocum .mi file, or its folder; several are a fleet. Default: bundled one.",
             rich_help_panel=_INPUTS,
         ),
     ] = None,
@@ -165,7 +165,8 @@ def ensemble(
             ) from error
         begin = (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
     options = Options(
-        n=n, mission=mission, vehicle=_vehicle(vehicle), currents=tuple(Path(p) for p in currents or ()),
+        n=n, mission=mission[0] if mission else None, vehicle=_vehicle(vehicle),
+        currents=tuple(Path(p) for p in currents or ()),
         bathymetry=bathymetry, seafloor_from=tuple(seafloor_from or ()),
         hydrography=tuple(hydrography or ()), tides=tides, grid=grid, speed=speed,
         speed_kind=speed_kind, speeds=speeds, seed=seed, days=days, start=begin, start_position=start_position,
@@ -173,6 +174,11 @@ def ensemble(
         spread=spread, precision=precision, decimal_degrees=decimal_degrees, outputs=outputs, style=style,
         cache=cache_folder() / "fields",
     )  # fmt: skip
+    if mission and len(mission) > 1:
+        if processes > 1 or resume:
+            raise ConfigError("--mission: expected one for --processes and --resume, found several. Leave these out.")
+        _fleet(options, mission, out, json_)
+        return
     with (
         termination_raises(),
         Processes(processes, coordinator, process_id) as group,
@@ -191,6 +197,28 @@ def ensemble(
         print_summary(result.summary, Console())
     for kind, path in result.files.items():
         print(f"{kind}: {path}", file=sys.stderr)
+
+
+def _fleet(options, missions: list[Path], out: Path, as_json: bool) -> None:
+    """Forecast several missions and print them one after the other."""
+    import json
+
+    from rich.console import Console
+
+    from glider_jax.products.atomic import termination_raises
+    from glider_jax.products.fleet import overview, run_fleet
+    from glider_jax.products.tables import print_summary
+    from glider_jax_cli.session import progress_bar
+
+    with termination_raises(), progress_bar("members", options.n * len(missions)) as progress:
+        results = run_fleet(options, missions, out, progress)
+    if as_json:
+        print(json.dumps(overview(results), allow_nan=False))
+        return
+    for name, result in results.items():
+        print(f"== {name} ==")
+        print_summary(result.summary, Console())
+    print(f"fleet: {out / 'fleet.json'}", file=sys.stderr)
 
 
 def _vehicle(name: str | None):

@@ -63,6 +63,12 @@ class Run:
     settings: dict[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
+    @property
+    def origin(self) -> tuple[float, float]:
+        """Where the mission starts, (east, north) frame metres; zero unless the frame is a fleet's."""
+        east, north = self.frame.to_metres(*self.start)
+        return float(east), float(north)
+
 
 def output_interval(duration: float, mission: Mission) -> float:
     """Seconds between outputs: about 120 over the forecast, on round values, and never longer than the time between
@@ -92,6 +98,8 @@ def prepare(
     start_position: tuple[float, float] | None = None,
     current_error: float | None = None,
     dtype=jnp.float32,
+    frame: Frame | None = None,
+    beside: Run | None = None,
 ) -> Run:
     """Check the inputs against each other and tabulate them.
 
@@ -104,6 +112,8 @@ def prepare(
     seed : of all random draws.  spread : factor on every perturbation, 0 for one deterministic flight.
     start, start_position : override the mission's.
     current_error : m s-1 per component where the product states none; the vehicle's perturbation if None.
+    frame : of a fleet; made about the mission's start if None.
+    beside : a run of the same fleet, fields and frame; its tables are used where it starts at the same time.
 
     Raises
     ------
@@ -124,19 +134,17 @@ def prepare(
     if not duration > 0:
         raise ConfigError(f"duration: expected more than 0 days, found {duration / 86400.0:g}. Give --days.")
     interval = output_interval(duration, mission) if interval is None else interval
-    reach = [position[0], *(p[0] for p in mission.waypoints)]
-    frame = Frame(position[0], position[1], min(reach) - 1.5, max(reach) + 1.5)
+    if frame is None:
+        frame = frame_about([position, *mission.waypoints])
     default_sd = vehicle.value("perturbation.current_error") if current_error is None else current_error
     notes = [*mission.notes, *(f"not simulated: {text}" for text in not_simulated(mission))]
     notes += program_notes(mission, bathymetry is not None)
     _check_start(mission, position, t0, currents, bathymetry)
     own_error = currents is not None and currents.east_sd is not None
-    field_ = (
-        make_currents(currents, frame, t0, default_sd=default_sd, dtype=dtype)
-        if currents is not None
-        else still_water(frame, default_sd, dtype)
-    )
-    floor = make_bathymetry(bathymetry, frame, dtype) if bathymetry is not None else flat_bottom(11000.0, frame, dtype)
+    if beside is not None and beside.t0 == float(t0):
+        environment = beside.environment
+    else:
+        environment = _tabulate(currents, bathymetry, frame, t0, default_sd, dtype)
     if bathymetry is None:
         notes.append("no bathymetry given: the seafloor is never reached")
     column, temperature, told = make_column(water, vehicle, deepest(mission), position[0], dtype=dtype)
@@ -154,7 +162,7 @@ def prepare(
     )
     return Run(
         mission=mission, vehicle=vehicle, plan=plan, shape=shape,
-        environment=Environment(frame.cast(dtype), field_, floor), column=column if speed == "flight" else None,
+        environment=environment, column=column if speed == "flight" else None,
         frame=frame, model=model, devices=devices, t0=float(t0), interval=interval,
         duration=duration, start=position, order=tuple(legs_of(mission)[0]), seed=seed, spread=spread,
         water_temperature=temperature, notes=tuple(notes),
@@ -168,6 +176,25 @@ def prepare(
             "current_error": "product" if own_error else f"{default_sd:g} m s-1",
         } | ({"program": program_words(mission)} if mission.program else {}),
     )  # fmt: skip
+
+
+def frame_about(points) -> Frame:
+    """A frame with its origin at the first of some (latitude, longitude) points, good for all of them and around."""
+    latitudes = [point[0] for point in points]
+    return Frame(points[0][0], points[0][1], min(latitudes) - 1.5, max(latitudes) + 1.5)
+
+
+def _tabulate(currents, bathymetry, frame: Frame, t0: float, default_sd: float, dtype) -> Environment:
+    """The fields as tables in a frame; still water and a seafloor that is never reached where there are none."""
+    if currents is None:
+        water = still_water(frame, default_sd, dtype)
+    else:
+        water = make_currents(currents, frame, t0, default_sd=default_sd, dtype=dtype)
+    if bathymetry is None:
+        floor = flat_bottom(11000.0, frame, dtype)
+    else:
+        floor = make_bathymetry(bathymetry, frame, dtype)
+    return Environment(frame.cast(dtype), water, floor)
 
 
 def _digests(*records):
@@ -247,7 +274,7 @@ def fly_chunks(n: int, run: Run, *, first: int = 0, chunk: int = CHUNK) -> Itera
         members, available = draw_run(run, begin, count)
         sd = run.vehicle.value("perturbation.initial_position")
         flown = run_members(
-            members, run.plan, run.shape, run.environment, run.column, 0.0, 0.0, spread=run.spread, fix_sd=sd
+            members, run.plan, run.shape, run.environment, run.column, *run.origin, spread=run.spread, fix_sd=sd
         )
         if jax.process_index() > 0:
             continue
@@ -295,7 +322,7 @@ def bring_home(run: Run, members: Member, available, state: State, out: Output) 
         begin = np.broadcast_to(np.asarray(first, values.dtype), (1, count))
         return np.ascontiguousarray(np.concatenate([begin, values])[keep].T)
 
-    east, north = series(out.east, 0.0), series(out.north, 0.0)
+    east, north = (series(v, begin) for v, begin in zip((out.east, out.north), run.origin, strict=True))
     latitude, longitude = run.frame.to_degrees(east, north)
     sums = type(out.sums)(*(series(values, 0.0) for values in out.sums))
     groups = run.devices.groups

@@ -72,7 +72,8 @@ def fly_stacked(runs: Sequence[Run], n: int) -> Iterator[Track]:
         static = (runs[0].shape, Mesh(np.array(use), ("runs",)))
         state, outputs = programs.call(
             "sweep", _fly_runs, static, tuple(use), members, _stack([run.plan for run in padded]),
-            _stack([run.column for run in padded]), runs[0].environment, *_numbers(runs[0]),
+            _stack([run.column for run in padded]), _stack([_origin(run) for run in padded]), runs[0].environment,
+            *_numbers(runs[0]),
         )  # fmt: skip
         state, outputs = jax.tree.map(np.asarray, (state, outputs))
         for k, run in enumerate(part):
@@ -86,25 +87,29 @@ def _numbers(run: Run) -> tuple[Any, Any]:
     return dtype.type(run.spread), dtype.type(run.vehicle.value("perturbation.initial_position"))
 
 
+def _origin(run: Run):
+    """Where a run starts, in the run's dtype."""
+    return np.asarray(run.origin, run.plan.dive_to.dtype)
+
+
 def _stack(trees: Sequence[Any]) -> Any:
     return jax.tree.map(lambda *leaves: np.stack([np.asarray(leaf) for leaf in leaves]), *trees)
 
 
-def _fly_runs(static, members, plans, columns, env, spread, sd):
+def _fly_runs(static, members, plans, columns, origins, env, spread, sd):
     """Start and fly stacked runs, split between the devices of the mesh; traced."""
     shape, mesh = static
 
-    def one(members, plan, column, env, spread, sd):
-        zero = plan.dive_to * 0.0
-        start = jax.vmap(lambda m: initial_state(plan, shape, env, m, zero, zero, spread, sd))(members)
+    def one(members, plan, column, origin, env, spread, sd):
+        start = jax.vmap(lambda m: initial_state(plan, shape, env, m, *origin, spread, sd))(members)
         return fly(members, plan, shape, env, column, start)
 
     rows, everywhere = PartitionSpec("runs"), PartitionSpec()
     sharded = jax.shard_map(
-        jax.vmap(one, in_axes=(0, 0, 0, None, None, None)),
+        jax.vmap(one, in_axes=(0, 0, 0, 0, None, None, None)),
         mesh=mesh,
-        in_specs=(rows, rows, rows, everywhere, everywhere, everywhere),
+        in_specs=(rows, rows, rows, rows, everywhere, everywhere, everywhere),
         out_specs=rows,
         check_vma=False,
     )
-    return sharded(members, plans, columns, env, spread, sd)
+    return sharded(members, plans, columns, origins, env, spread, sd)

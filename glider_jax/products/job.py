@@ -105,8 +105,29 @@ def reach_box(mission: Mission, position: tuple[float, float], days: float) -> t
     )
 
 
-def read_inputs(options: Options) -> Inputs:
-    """Read mission, vehicle and fields, the bundled ones where the user gave none.
+@dataclass(frozen=True)
+class Survey:
+    """What is known before any field is read: mission, vehicle, and which area and time they need.
+
+    ``free`` where the start may follow the currents; ``bundled`` where the mission is the bundled one.
+    """
+
+    mission: Mission
+    vehicle: Vehicle
+    position: tuple[float, float] | None
+    start: float | None
+    days: float
+    box: tuple[float, float, float, float]
+    period: tuple[float, float] | None
+    free: bool
+    bundled: bool
+
+
+Fields = tuple[CurrentGrid | None, BathymetryGrid | None, WaterProfile | None]
+
+
+def survey(options: Options) -> Survey:
+    """Read mission and vehicle.
 
     Raises
     ------
@@ -128,29 +149,48 @@ def read_inputs(options: Options) -> Inputs:
         raise ConfigError(
             f"{mission.name}: expected a start position, found none in the mission. Give --start-position LAT LON."
         )
-    notes: list[str] = []
     days = options.days if options.days is not None else DEFAULT_DAYS
-    box = reach_box(mission, position, days)
     start = options.start if options.start is not None else mission.start
     # Fields of other years may be tried with the bundled mission: its own start then means nothing.
-    free_start = options.start is None and (bundled or mission.start is None) and bool(options.currents)
-    period = None if start is None or free_start else (start, start + days * DAY)
+    free = options.start is None and (bundled or mission.start is None) and bool(options.currents)
+    period = None if start is None or free else (start, start + days * DAY)
+    return Survey(mission, vehicle, position, start, days, reach_box(mission, position, days), period, free, bundled)
+
+
+def read_fields(options: Options, bundled: bool, box, period) -> Fields:
+    """Read currents, bathymetry and hydrography of an area and time, the bundled ones where the user gave none."""
     # One after the other: the netCDF library must not be used from two threads.
-    fields = (
+    return (
         _read_currents(options, bundled, box, period),
         _read_bathymetry(options, bundled, box),
         _read_water(options, box),
     )
-    grid = fields[0]
+
+
+def inputs_of(options: Options, known: Survey, fields: Fields) -> Inputs:
+    """Mission, vehicle and fields together, with the start and the length that the currents allow."""
+    grid, start, days = fields[0], known.start, known.days
+    notes: list[str] = []
     if grid is not None and not grid.constant_in_time:
-        if free_start and not (start is not None and grid.time[0] <= start <= grid.time[-1]):
+        if known.free and not (start is not None and grid.time[0] <= start <= grid.time[-1]):
             start = float(grid.time[0])
             notes.append(f"start set to the first time of the currents, {np.datetime64(int(start), 's')}Z")
         left = (float(grid.time[-1]) - start) / DAY if start is not None else days
         if options.days is None and 0 < left < days:
             days = left
             notes.append(f"the currents end after {left:.2f} days: the forecast ends there (--days asks for more)")
-    return Inputs(mission, vehicle, *fields, start=start, days=days, notes=tuple(notes))
+    return Inputs(known.mission, known.vehicle, *fields, start=start, days=days, notes=tuple(notes))
+
+
+def read_inputs(options: Options) -> Inputs:
+    """Read mission, vehicle and fields, the bundled ones where the user gave none.
+
+    Raises
+    ------
+    GliderJaxError : a file is missing, unreadable or wrong; the message says which and why.
+    """
+    known = survey(options)
+    return inputs_of(options, known, read_fields(options, known.bundled, known.box, known.period))
 
 
 def _artificial(word: str, kinds, known) -> tuple[str, dict[str, float]] | None:
@@ -250,8 +290,11 @@ def _read_water(options: Options, box) -> WaterProfile | None:
     return read_water_profile(list(options.hydrography), box=box, grid=None if own else options.grid)
 
 
-def prepare_run(options: Options, inputs: Inputs):
-    """Tabulate the inputs: the :class:`~glider_jax.mission.forecast.Run` from which members are flown."""
+def prepare_run(options: Options, inputs: Inputs, **fleet):
+    """Tabulate the inputs: the :class:`~glider_jax.mission.forecast.Run` from which members are flown.
+
+    ``fleet`` holds the frame and the run beside of :func:`~glider_jax.mission.forecast.prepare`.
+    """
     import jax.numpy as jnp
 
     from glider_jax.mission.forecast import prepare
@@ -273,7 +316,7 @@ def prepare_run(options: Options, inputs: Inputs):
         inputs.mission, inputs.vehicle, currents=inputs.currents, bathymetry=inputs.bathymetry, water=inputs.water,
         speed=options.speed, speeds=nodes, duration=inputs.days * DAY, interval=options.interval, seed=options.seed,
         spread=options.spread, start=inputs.start, start_position=options.start_position,
-        current_error=error, dtype=jnp.dtype(options.precision),
+        current_error=error, dtype=jnp.dtype(options.precision), **fleet,
     )  # fmt: skip
     notes = [*inputs.notes, *run.notes, *told, *_source_notes(inputs)]
     notes += [f"assumed for the vehicle: {text}" for text in inputs.vehicle.assumed]
@@ -330,7 +373,7 @@ def run_ensemble(
     from glider_jax.products.running import fly_products
 
     inputs = read_inputs(options)
-    polygons = _read_polygons(options.polygons)
+    polygons = read_polygons(options.polygons)
     if join is not None:
         join()
     run = prepare_run(options, inputs)
@@ -342,12 +385,13 @@ def run_ensemble(
     return Result(result, files, whole)
 
 
-def _read_polygons(path: Path | None):
+def read_polygons(path: Path | None):
+    """Areas of interest from a GeoJSON file, none without one."""
     if path is None:
         return ()
-    from glider_jax.products.geojson import read_polygons
+    from glider_jax.products import geojson
 
-    return read_polygons(path)
+    return geojson.read_polygons(path)
 
 
 def write_products(
