@@ -16,3 +16,13 @@ def test_ensemble_benchmark(speed, capsys):
         print(f"\n{speed}\n{table(result)}")
     assert {"draw and fly", "netCDF", "summary", "map"} <= set(result["stages"])
     assert result["steps_per_member"] > 100
+
+
+def test_scaling_benchmark(capsys):
+    from tests.benchmarks import bench_scaling
+
+    found = {"commands": bench_scaling.commands(1), "scaling": bench_scaling.scaling([100, 5000], [1.0, 15.0])}
+    with capsys.disabled():
+        print(f"\n{bench_scaling.table(found | {'machine': '', 'cpus': 0, 'jax': ''})}")
+    assert {(row["n"], row["days"]) for row in found["scaling"]} == {(100, 1.0), (100, 15.0), (5000, 15.0)}
+    assert all(run["cpu_s"] > 0 for runs in found["commands"].values() for run in runs.values())
