@@ -222,6 +222,10 @@ def name_flow(found: Finding, content: dict[str, Any]) -> None:
     content["flow"] = told
     if told["evidence"] < ENOUGH or any(effect["id"] in UNKNOWN_FLOW for effect in content["effects"]):
         return
+    for effect in content["effects"]:
+        # What is named beside the others is no twin of theirs.
+        effect["alternatives"] = [a for a in effect["alternatives"] if a["id"] not in UNKNOWN_FLOW]
+        effect["certain"] = not effect["alternatives"]
     content["effects"].insert(0, _effect(found, told, parts))
     course = course_of(found)
     span = course.span[:, None]

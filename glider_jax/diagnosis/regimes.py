@@ -119,7 +119,9 @@ def join(contents: list[dict[str, Any]], compared: list[dict[str, Any]]) -> dict
             "titles": [effect["title"] for effect in content["effects"]],
             "levels": {name: {"value": v[0], "sd": v[1], "unit": v[2]} for name, v in told.items()},
         })  # fmt: skip
-        sentences += [_sentence(number, one) for one in changes[:4]]
+        if changes:
+            listed = "; ".join(_change(one) for one in changes[:4])
+            sentences.append(f"Between mission {number - 1} and {number}: {listed}.")
     gap = (contents[-1]["recording"]["start"] - contents[-2]["recording"]["start"]) / 86400.0
     said = f"{len(contents)} missions in one recording, the last begun {gap:.1f} days after the one before: each was "
     said += "diagnosed by itself, because what differs between them may be a setting rather than physics."
@@ -132,9 +134,6 @@ def join(contents: list[dict[str, Any]], compared: list[dict[str, Any]]) -> dict
     return whole
 
 
-def _sentence(number: int, one: dict[str, Any]) -> str:
+def _change(one: dict[str, Any]) -> str:
     unit = f" {one['unit']}" if one["unit"] else ""
-    return (
-        f"Between mission {number - 1} and {number} the {one['text']} went from {one['before']:.3g} to "
-        f"{one['after']:.3g}{unit}."
-    )
+    return f"{one['text']} from {one['before']:.3g} to {one['after']:.3g}{unit}"
