@@ -155,7 +155,7 @@ def prepare(
     plan, shape = make_plan(
         mission, vehicle, frame, t0=t0, duration=duration, speed=speed, speeds=speeds, interval=interval, block=block,
         levels=column.depth.shape[0], product_error=own_error, temperature=temperature,
-        density=float(np.mean(np.asarray(column.density))), dtype=dtype,
+        density=float(np.mean(np.asarray(column.density))), home=position, dtype=dtype,
     )  # fmt: skip
     devices = build_devices(
         vehicle.devices, mission.samples, dive_to=mission.yo.dive_to, climb_to=mission.yo.climb_to, dtype=dtype

@@ -30,7 +30,7 @@ def signature(run: Run) -> tuple[Any, ...]:
     """Equal for runs that can be stacked: one environment, one compiled program, draws of one size; hashable."""
     leaves, structure = jax.tree.flatten((run.model, run.plan, run.column))
     shapes = tuple(np.shape(leaf) for leaf in leaves)
-    return id(run.environment), run.shape, run.spread, run.duration, run.interval, structure, shapes
+    return id(run.environment), run.shape, *_numbers(run), run.duration, run.interval, structure, shapes
 
 
 def most_stacked(run: Run, n: int, numbers: int = NUMBERS) -> int:

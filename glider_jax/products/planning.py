@@ -275,8 +275,8 @@ def common_interval(cases: Sequence[Case]) -> float:
     return min(output_interval(one.days * DAY, one.mission) for one in cases)
 
 
-def prepare_case(case: Case, interval: float | None = None, *, fields: bool = True) -> Any:
-    """The run of one case; without ``fields`` in still water over no seafloor, to be given another run's."""
+def prepare_case(case: Case, interval: float | None = None, beside: Any = None) -> Any:
+    """The run of one case; ``beside`` is another run in the same fields, whose tables are used again."""
     from glider_jax.mission.forecast import prepare
     from glider_jax.mission.speeds import choose_speeds, current_error
 
@@ -285,10 +285,10 @@ def prepare_case(case: Case, interval: float | None = None, *, fields: bool = Tr
     )
     error, _ = current_error(case.vehicle, case.speed, case.speed_kind, case.currents is not None)
     return prepare(
-        case.mission, case.vehicle, currents=case.currents if fields else None,
-        bathymetry=case.bathymetry if fields else None, water=case.water, speed=case.speed, speeds=nodes,
-        duration=case.days * DAY, interval=interval, seed=case.seed, spread=case.spread, start=case.start,
-        start_position=case.start_position, current_error=error,
+        case.mission, case.vehicle, currents=case.currents, bathymetry=case.bathymetry, water=case.water,
+        speed=case.speed, speeds=nodes, duration=case.days * DAY, interval=interval, seed=case.seed,
+        spread=case.spread, start=case.start, start_position=case.start_position, current_error=error,
+        frame=None if beside is None else beside.frame, beside=beside,
     )  # fmt: skip
 
 
@@ -323,15 +323,11 @@ def fly_settings(
         for number in numbers:
             case = settings[number][0]
             try:
-                run = prepare_case(case if shared is None else replace(case, start=shared.t0), interval,
-                                   fields=shared is None)  # fmt: skip
+                run = prepare_case(case, interval, shared)
             except CoverageError as error:
                 keep(number, Setting(dict(settings[number][1]), refused=str(error)))
                 continue
-            if shared is None:
-                shared = run
-            error = shared.shape.product_error
-            run = replace(run, environment=shared.environment, shape=replace(run.shape, product_error=error))
+            shared = run if shared is None else shared
             key = (signature(run), case.n)
             waiting.setdefault(key, ([], []))
             for kept, item in zip(waiting[key], (number, run), strict=True):

@@ -31,8 +31,8 @@ def rule(kind, value, *more, **actions):
 
 
 def kit(*, energy=NEVER, charge=0.001, place=NEVER, late=NEVER, closer=0.0, up=NEVER, end=NEVER, often=NEVER,
-        shallow=NEVER, deep=NEVER):  # fmt: skip
-    """Ten rules, idle but for those whose threshold is given."""
+        shallow=NEVER, deep=NEVER, window=(NEVER, NEVER)):  # fmt: skip
+    """Eleven rules, idle but for those whose threshold is given."""
     return (
         rule("energy_used_above", energy, goto="home"),
         rule("state_of_charge_below", charge, goto="home"),
@@ -44,6 +44,7 @@ def kit(*, energy=NEVER, charge=0.001, place=NEVER, late=NEVER, closer=0.0, up=N
         rule("time_after", often, surface_every=HOUR),
         rule("elapsed_above", shallow, dive_to=20.0),
         rule("elapsed_above", deep, dive_to=40.0, climb_to=5.0),
+        rule("elapsed_above", window[0], ("elapsed_below", window[1]), goto=(39.3, -74.0), once=False),
     )
 
 
@@ -85,7 +86,7 @@ def test_home_at_an_energy_turns_where_the_sum_says(vehicle):
     energy = value("energy.hotel") * time + number * yo
     expected = time[np.argmax(energy > limit)]
     assert seconds(track, 1) == pytest.approx(expected, abs=0.02 * cycle)
-    assert track.program_count[0].tolist() == [1] + [0] * 9
+    assert track.program_count[0].tolist() == [1] + [0] * 10
     # As far out as it flew until then, and home again: the radius is spared on the way back.
     north = (track.latitude[0] - 39.0) * 111.0e3
     assert north.max() == pytest.approx(SPEED * expected, rel=0.005)
@@ -123,6 +124,19 @@ def test_a_place_ends_the_mission_also_where_the_list_starts_again(vehicle, legs
     off = np.hypot((track.outcome_latitude[0] - 39.3) * 111e3, (track.outcome_longitude[0] + 74.0) * 86e3)
     assert off < 900.0
     assert np.isnan(track.waypoint_time).all()
+
+
+def test_a_way_elsewhere_ends_with_its_condition(vehicle):
+    run, track = fly(vehicle, kit(window=(0.25 * DAY, 0.5 * DAY)), waypoints=EAST)
+    east, north = metres(run, track)
+    time = track.time - track.time[0]
+    # North-west for a quarter of a day, then to the waypoint of the list that was flown to before.
+    out, back = np.searchsorted(time, [0.26 * DAY, 0.49 * DAY])
+    assert abs(north[0, out]) < 500.0 and north[0, back] > 5000.0
+    assert np.isfinite(track.waypoint_time[0]).all() and track.outcome[0] == Outcome.ARRIVED
+    way = SPEED * 0.49 * DAY + np.hypot(34.6e3 - east[0, back], north[0, back])
+    assert track.waypoint_time[0, 0] - track.time[0] == pytest.approx(way / SPEED, rel=0.03)
+    assert track.program_count[0].tolist() == [0] * 10 + [1]
 
 
 def test_back_to_a_waypoint_by_its_number(vehicle):
