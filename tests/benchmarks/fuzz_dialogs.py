@@ -15,16 +15,13 @@ import sys
 import time
 from pathlib import Path
 
+from glider_jax.errors import DataError
+from glider_jax.readers.dialogs import DialogLog, read_dialog
+from glider_jax.readers.glider_state import GliderState, read_glider_state
+from glider_jax.readers.live_state import latest_state
+from tests.readers.dialog_layouts import MOMENT, printout, state_file
+
 HERE = Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE.parent / "readers"))
-
-from dialog_layouts import MOMENT, printout, state_file  # noqa: E402
-
-from glider_jax.errors import DataError  # noqa: E402
-from glider_jax.readers.dialogs import DialogLog, read_dialog  # noqa: E402
-from glider_jax.readers.glider_state import GliderState, read_glider_state  # noqa: E402
-from glider_jax.readers.live_state import latest_state  # noqa: E402
-
 SHARED = Path(os.environ.get("GLIDER_JAX_SHARED", HERE.parents[2] / "shared")) / "real" / "live"
 REAL = ("swfsc_terminal_logs/*", "composed/*", "dockserver/*.xml")
 WORDS = [

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 import typer
@@ -13,9 +12,7 @@ from typer.testing import CliRunner
 
 from glider_jax.errors import DataError
 from glider_jax_cli.dialog import dialog
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "readers"))
-from dialog_layouts import MOMENT, printout, state_file
+from tests.readers.dialog_layouts import MOMENT, printout, state_file
 
 
 @pytest.fixture

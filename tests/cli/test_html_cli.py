@@ -1,4 +1,4 @@
-"""``--html`` and ``--style`` through the entry point: the page appears, says what it forecasts, and bad words are named."""
+"""``--html`` and ``--style`` through the entry point: the page appears, says what it forecasts; bad words are named."""
 
 from __future__ import annotations
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 import typer
@@ -15,9 +14,7 @@ from glider_jax.errors import DataError
 from glider_jax.mission.speeds_fit import read_speeds
 from glider_jax_cli.recording import recording
 from glider_jax_cli.speeds import app as speeds_app
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "readers"))
-from glider_layouts import simulate, write_native
+from tests.readers.glider_layouts import simulate, write_native
 
 
 @pytest.fixture

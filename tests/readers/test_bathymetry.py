@@ -8,12 +8,12 @@ from pathlib import Path
 import netCDF4
 import numpy as np
 import pytest
-from bathymetry_layouts import LAT, LON, UP, at, rows, write
 from scipy.io import savemat
 
 from glider_jax.errors import CoverageError, DataError, GliderJaxError
 from glider_jax.readers.bathymetry import merge_bathymetry, read_bathymetry
 from glider_jax.records import BathymetryGrid, Source
+from tests.readers.bathymetry_layouts import LAT, LON, UP, at, rows, write
 
 # -- layouts -----------------------------------------------------------------------------------------------------
 

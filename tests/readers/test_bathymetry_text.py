@@ -6,7 +6,6 @@ import zipfile
 
 import numpy as np
 import pytest
-from bathymetry_layouts import LAT, LON, UP, at, rows, write
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.io import loadmat, savemat
@@ -14,6 +13,7 @@ from scipy.io import loadmat, savemat
 from glider_jax.errors import DataError
 from glider_jax.readers.bathymetry import read_bathymetry
 from glider_jax.readers.matlab_numbers import matlab_arrays
+from tests.readers.bathymetry_layouts import LAT, LON, UP, at, rows, write
 
 
 @pytest.mark.parametrize("separator", [",", " ", "   ", "\t", ", ", ";"])

@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import math
-import sys
 import time
-from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from glider_jax.readers.dialogs import read_dialog
-
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-from dialog_layouts import MOMENT, printout
+from tests.readers.dialog_layouts import MOMENT, printout
 
 
 class TestSpeed:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-import sys
 from pathlib import Path
 
 import pytest
@@ -12,9 +11,7 @@ import pytest
 from glider_jax.errors import DataError
 from glider_jax.readers.dialogs import read_dialog
 from glider_jax.readers.geodesy import range_and_bearing
-
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-from dialog_layouts import MOMENT, printout
+from tests.readers.dialog_layouts import MOMENT, printout
 
 FIX = (54.0 + 12.345 / 60.0, -(10.0 + 23.456 / 60.0))
 

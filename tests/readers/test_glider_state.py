@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,9 +15,7 @@ from glider_jax.readers.dialogs import read_dialog
 from glider_jax.readers.geodesy import range_and_bearing
 from glider_jax.readers.glider_state import read_glider_state
 from glider_jax.readers.live_state import NoFix, RecordedFixes, StaleFix, latest_state
-
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-from dialog_layouts import MOMENT, printout, state_file
+from tests.readers.dialog_layouts import MOMENT, printout, state_file
 
 HERE, THERE = (" 5412.000", "-1020.000"), (" 5413.000", "-1020.500")
 WAYPOINT = (

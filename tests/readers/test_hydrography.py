@@ -7,12 +7,12 @@ import sys
 import netCDF4
 import numpy as np
 import pytest
-from roms_layouts import World
 
 from glider_jax.errors import CoverageError, DataError
 from glider_jax.readers import teos
 from glider_jax.readers.hydrography import profile_from_recording, read_water_profile
 from glider_jax.records import Recording, Source
+from tests.readers.roms_layouts import World
 
 SANDY = ("environment", "roms_coawst_sandy")
 

@@ -7,13 +7,13 @@ import tarfile
 import netCDF4
 import numpy as np
 import pytest
-from glider_layouts import START, simulate, to_nmea, write_native
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from glider_jax.errors import DataError
 from glider_jax.readers.recordings import CHANNELS, UNITS, read_recording
 from glider_jax.readers.repairs import Table, Tally, is_nmea, mend_clock, mend_fixes, merge, nmea_to_degrees
+from tests.readers.glider_layouts import START, simulate, to_nmea, write_native
 
 SETS = {
     # rows, first and last time, segments in the file, channels that must be there

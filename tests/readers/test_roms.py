@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from roms_layouts import World
 
 from glider_jax.errors import CoverageError, DataError
 from glider_jax.readers.roms import masked_mean, read_roms_bathymetry, read_roms_currents
@@ -21,6 +20,7 @@ from glider_jax.readers.roms_vertical import (
     stretching_curve,
     to_depths,
 )
+from tests.readers.roms_layouts import World
 
 NJ = (38.5, 41.0, -75.0, -71.0)
 SANDY = ("environment", "roms_coawst_sandy")

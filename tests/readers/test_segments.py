@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from glider_layouts import PITCH, RATE, simulate, write_native
 
 from glider_jax.readers.dead_reckoning import (
     adds_water,
@@ -28,6 +27,7 @@ from glider_jax.readers.segments import (
     surfacings,
     until,
 )
+from tests.readers.glider_layouts import PITCH, RATE, simulate, write_native
 
 
 @pytest.fixture(scope="module")

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from roms_layouts import World
 
 from glider_jax.errors import CoverageError, DataError
 from glider_jax.readers.roms import read_roms_currents
 from glider_jax.readers.tides import add_tides, from_ellipse, read_tides, tidal_currents, tidal_grid, to_ellipse
 from glider_jax.records import CurrentGrid, Source, TidalGrid
+from tests.readers.roms_layouts import World
 
 SANDY = ("environment", "roms_coawst_sandy")
 M2_HOURS = 12.4206012
