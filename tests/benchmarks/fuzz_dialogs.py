@@ -1,6 +1,6 @@
 """Throw damaged and random text at the dialog and state readers, and check what comes out.
 
-Run with ``python tests/benchmarks/fuzz_dialogs.py --count 1000000 --seed 1``. The corpus is the tests' own printouts
+Run with ``python -m tests.benchmarks.fuzz_dialogs --count 1000000 --seed 1``. The corpus is the tests' own printouts
 and, where they are at hand, the real logs. Only ``DataError`` may come out; every position, age and number that is
 given must be possible. The first input that fails is written to ``--keep`` and ends the run with code 1.
 """
