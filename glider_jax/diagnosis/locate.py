@@ -210,6 +210,11 @@ def _what(place: Place) -> str:
 
 def sentence(place: Place) -> str:
     """One plain sentence about a place."""
+    if place.covariate == "stuck":
+        return (
+            f"The pitch stands still for {place.size:.0f} min in all, {place.z:.0f} times between day {place.low:.1f} "
+            f"and {place.high:.1f}, while the glider moves on: what rests on it then is void."
+        )
     if place.covariate == "throughout":
         where = "all the time"
     elif place.covariate == "stroke":

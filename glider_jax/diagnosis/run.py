@@ -23,7 +23,7 @@ from glider_jax.diagnosis.flow import name_flow
 from glider_jax.diagnosis.misses import explain
 from glider_jax.diagnosis.schema import document
 from glider_jax.diagnosis.screen import Search
-from glider_jax.diagnosis.unexplained import Remainder, remainders
+from glider_jax.diagnosis.unexplained import Remainder, remainders, stuck
 from glider_jax.errors import DataError, did_you_mean
 from glider_jax.inference.fit import make_problem, robust_covariance
 from glider_jax.inference.kinematics import held
@@ -198,6 +198,9 @@ def _find(recording, vehicle, mission, currents, bathymetry, settings, tell) -> 
         )
     )  # fmt: skip
     rest, after = remainders(search.problem, linear, active)
+    still = stuck(search.problem, recording)
+    if still is not None:
+        rest = [still, *(one for one in rest if one.place.stream != still.place.stream)]
     whole = fixed + [i for columns in effects.values() for i in columns]
     both, _ = linear.solve(whole)
     whitened = {

@@ -15,7 +15,8 @@ from scipy.stats import chi2
 from glider_jax.diagnosis.locate import SHOWN, Place, covariates, places
 from glider_jax.inference.fit import Linear, Problem, inadequacy, rows_of
 from glider_jax.inference.noise import DENSE, Noise, fit_noise
-from glider_jax.records import Array
+from glider_jax.readers.dead_reckoning import finite
+from glider_jax.records import Array, Recording
 
 #: Chance at which remaining structure is reported, over all streams and covariates together.
 CHANCE = 0.01
@@ -35,11 +36,15 @@ LOOKED = {
     "pump out energy": ("depth", "dive"),
 }
 NODES = 12
+#: s; what comes once is looked at this finely in time, on at least ``NODES`` and at most ``MOST_NODES`` nodes.
+FINEST, MOST_NODES = 9000.0, 40
 SIZES = np.array([0.1, 0.3, 1.0, 3.0])
 #: Chance of what a glide model may be wrong by, beyond which it is no longer called that.
 IMPLAUSIBLE = 1e-4
 #: Least share and number of strokes that were set aside, for a word about them.
 ODD_SHARE, ODD_STROKES = 0.03, 6
+#: s, samples and m: a pitch that does not change for so long while the glider goes so far stands still.
+STILL_SECONDS, STILL_SAMPLES, STILL_WAY = 300.0, 30, 20.0
 
 
 @dataclass(frozen=True)
@@ -110,7 +115,10 @@ def _basis(problem: Problem, place: Place, noise: Noise, rows: slice) -> _Basis 
     if place.covariate == "heading" and place.stream.startswith("displacement"):
         return _turned(problem, noise, place)
     x = stream.time if place.covariate == "dive" else covariates(stream, problem.gathered.origin)[place.covariate]
-    nodes = np.unique(np.quantile(x, np.linspace(0.0, 1.0, NODES)))
+    count = NODES
+    if place.covariate == "dive":
+        count = int(np.clip(np.ptp(x) / FINEST, NODES, min(MOST_NODES, max(stream.n // 4, NODES))))
+    nodes = np.unique(np.quantile(x, np.linspace(0.0, 1.0, count)))
     if nodes.size < 3:
         return None
     hats = np.stack([np.interp(x, nodes, np.eye(nodes.size)[k]) for k in range(nodes.size)], axis=1)
@@ -266,6 +274,34 @@ def _odd_strokes(problem: Problem) -> Remainder | None:
     nats = 0.5 * float(np.sum((size / usual) ** 2)) - len(odd) * np.log(10.0)
     rms, flat = float(np.sqrt(np.mean(size**2))), np.zeros(size.size)
     return Remainder(place, rms, stream.shown, time / 86400.0, size, flat, "d", nats, nats)
+
+
+def stuck(problem: Problem, recording: Recording) -> Remainder | None:
+    """A pitch sensor that stands still while the glider glides on: what rests on it then is void."""
+    stream = problem.gathered.stream("vertical speed")
+    moments, pitch = finite(recording, "pitch")
+    if stream is None or pitch.size < 10 * STILL_SAMPLES:
+        return None
+    edges = np.flatnonzero(np.diff(pitch, prepend=np.nan, append=np.nan) != 0.0)
+    rows = problem.gathered.rows
+    found = []
+    for first, last in zip(edges[:-1], edges[1:] - 1, strict=True):
+        lasted = moments[last] - moments[first]
+        if last - first < STILL_SAMPLES or lasted < STILL_SECONDS:
+            continue
+        inside = (rows.time >= moments[first]) & (rows.time <= moments[last]) & (rows.leg >= 0)
+        if inside.sum() > 5 and np.ptp(rows.depth[inside]) > STILL_WAY:
+            found.append(((moments[first] - problem.gathered.origin) / 86400.0, lasted))
+    if not found:
+        return None
+    day, lasted = np.array(found).T
+    share = float(lasted.sum() / max(recording.time[-1] - recording.time[0], 1.0))
+    place = Place(
+        stream.name, "stuck", 0.0, float(day.size), float(day.min()), float(day.max()), "d", "",
+        float(lasted.sum() / 60.0), "min", share,
+    )  # fmt: skip
+    flat = np.zeros(day.size)
+    return Remainder(place, float(lasted.mean() / 60.0), "min", day, lasted / 60.0, flat, "d", 0.0, 0.0)
 
 
 def _noise_rows(problem: Problem, name: str) -> tuple[Noise, slice]:
