@@ -54,6 +54,12 @@ def flown(case):
     return sweep(case, choices)
 
 
+@pytest.fixture(scope="module")
+def tide():
+    """Currents of five days that turn."""
+    return synthetic_currents("tide", major=0.2, minor=0.1, start=START - 3600.0, duration=5 * 86400.0, **PLACE)
+
+
 def made(values, success, **choices):
     """A setting whose goal is given, for rules of choice without flying."""
     value = np.asarray(values, float)
@@ -146,9 +152,8 @@ def test_steeper_costs_more_and_lithium_lasts_longer(flown):
     assert (lithium.left > shallow.left).all()
 
 
-def test_settings_flown_together_are_those_flown_alone(case):
-    currents = synthetic_currents("tide", major=0.2, minor=0.1, start=START - 3600.0, duration=5 * 86400.0, **PLACE)
-    base = replace(case, currents=currents)
+def test_settings_flown_together_are_those_flown_alone(case, tide):
+    base = replace(case, loop=False, currents=tide)
     choices = parse_choices(["start_h=0,6,400", "pitch=20,30", "order=given,reversed"])
     seen = []
     together = sweep(base, choices, seen.append)
@@ -156,28 +161,29 @@ def test_settings_flown_together_are_those_flown_alone(case):
     assert [bool(s.refused) for s in together] == [s.choices["start_h"] == 400.0 for s in together]
     assert seen[-1] == len(together) == 12
     interval = common_interval([apply_choices(base, s.choices) for s in together])
-    for k in (1, 6):
-        alone = fly_setting(apply_choices(base, together[k].choices), together[k].choices, interval)
-        for name in ("days", "km", "profiles", "wh", "left"):
-            np.testing.assert_allclose(getattr(together[k], name), getattr(alone, name), rtol=2e-3, err_msg=name)
-        assert together[k].story["current_along"] == pytest.approx(alone.story["current_along"], abs=1e-3)
+    other = together[6]
+    alone = fly_setting(apply_choices(base, other.choices), other.choices, interval)
+    for name in ("days", "km", "profiles", "wh", "left"):
+        np.testing.assert_allclose(getattr(other, name), getattr(alone, name), rtol=2e-3, err_msg=name)
+    assert other.story["current_along"] == pytest.approx(alone.story["current_along"], abs=1e-3)
     assert abs(together[0].km - together[4].km).max() > 0.1
 
 
-def test_a_plan_says_how_often_the_rules_of_a_program_fire(case):
+def test_a_plan_says_how_often_the_rules_of_a_program_fire(case, flown):
     late = ProgramRule((Condition("elapsed_above", 0.5 * 86400.0),), "half a day: shallow", dive_to=20.0)
     never = ProgramRule((Condition("energy_used_above", 1e9),), goto="home")
     flying = replace(case, mission=replace(case.mission, program=(late, never)))
-    flown = sweep(flying, parse_choices(["dive_to=40,60"]))
-    for setting in flown:
+    ruled = sweep(flying, parse_choices(["dive_to=40,60"]))
+    for setting in ruled:
         (words, share, day), (_, none, unknown) = setting.fired
         assert words == "rule 1 'half a day: shallow'" and share == 1.0 and day == pytest.approx(0.5, abs=0.02)
         assert none == 0.0 and math.isnan(unknown)
-    # Shallower dives for the second half: more turns than without the rule.
-    assert (flown[1].profiles > 1.3 * sweep(case, parse_choices(["dive_to=60"]))[0].profiles).all()
-    page = plan_page(flying, {}, flown, recommend(flown, confidence=0.5), {}, PlanOptions(Options(), ()))
+    # Shallower dives for the second half: more turns than without the rule, even at a steeper pitch.
+    steep = next(s for s in flown if not s.refused and s.choices["pitch"] == 30.0)
+    assert (ruled[1].profiles > 1.3 * steep.profiles).all()
+    page = plan_page(flying, {}, ruled, recommend(ruled, confidence=0.5), {}, PlanOptions(Options(), ()))
     assert "- rule 1 'half a day: shallow' fires in 100 % of members, median day 0.5" in page
-    numbers = plan_numbers(flying, flown, [], {}, PlanOptions(Options(), ()))
+    numbers = plan_numbers(flying, ruled, [], {}, PlanOptions(Options(), ()))
     assert json.loads(json.dumps(numbers, allow_nan=False))["settings"][0]["program"][1]["median_day"] is None
 
 
@@ -188,9 +194,9 @@ def test_the_instrument_costs_what_was_published(case):
     assert deployed.wh - none.wh == pytest.approx((0.76 + 0.71) * 24.0, rel=0.01)
 
 
-def test_an_unreachable_waypoint_is_answered_with_numbers(case):
-    currents = synthetic_currents("uniform", east=-0.6, start=START - 3600.0, duration=5 * 86400.0, **PLACE)
-    against = replace(case, loop=False, currents=currents)
+def test_an_unreachable_waypoint_is_answered_with_numbers(case, tide):
+    steady = replace(tide, east=np.full_like(tide.east, -0.6), north=np.zeros_like(tide.north))
+    against = replace(case, loop=False, currents=steady)
     setting = fly_setting(against, {})
     assert setting.probability == 0.0
     text = why_not(setting, against)
@@ -204,7 +210,7 @@ def test_a_pack_emptied_on_the_first_day_is_answered_with_the_time(case):
     battery = case.vehicle.battery
     small = replace(battery, capacity=replace(battery.capacity, value=2.5 * 3600.0))
     weak = replace(case, vehicle=replace(case.vehicle, battery=small))
-    setting = fly_setting(weak, {})
+    setting = fly_setting(apply_choices(weak, {}), {})
     assert setting.probability == 0.0
     assert 0.2 < setting.story["battery_days"] < 1.0
     assert f"after a median of {setting.story['battery_days']:.1f} of 1 days" in why_not(setting, weak)

@@ -7,6 +7,7 @@ import math
 import shutil
 import tomllib
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
@@ -14,6 +15,7 @@ from hypothesis import strategies as st
 
 import glider_jax_data
 from glider_jax.config import (
+    PROGRAM_ACTIONS,
     PROGRAM_CONDITIONS,
     Aborts,
     Condition,
@@ -95,6 +97,17 @@ def test_units_become_si_and_words_are_kept(tmp_path):
     assert rule_text(second, 2) == (
         "rule 2 'elapsed above 2 days and bottom shallower than 30 m: dive to 20 m, altitude 8 m, pitch 30 degrees'"
     )
+
+
+def test_the_rules_of_the_documentation_are_read(tmp_path):
+    text = (Path(__file__).parents[2] / "docs" / "mission-programs.md").read_text(encoding="utf-8")
+    block = text.split("```toml\n")[1].split("```")[0]
+    program = read(tmp_path, block).program
+    assert [rule.once for rule in program] == [True, False, True]
+    assert program[2].actions == ("goto",) and len(program[2].when) == 2
+    # Every condition and action has its line.
+    for name in (*PROGRAM_CONDITIONS, *PROGRAM_ACTIONS):
+        assert f"`{name}" in text, name
 
 
 def test_the_schema_for_editors_knows_programs(tmp_path):
