@@ -21,7 +21,7 @@ def plan(
         typer.Option(
             help="A choice and its values, preferred first, as pitch=20,26,32; once per choice. Known: pitch, "
             "dive_to, climb_to, altitude, volume_cc, surface_every_h, surface_stay_min, ctd_every_s, start_h, "
-            "battery, instrument, order.",
+            "battery, instrument, order (given, reversed, or numbers such as 2-1-3).",
             rich_help_panel=_CHOICE,
         ),
     ] = None,

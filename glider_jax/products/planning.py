@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -136,7 +137,7 @@ def parse_choices(given: Sequence[str]) -> dict[str, tuple[float | str, ...]]:
 
 def _value(name: str, word: str) -> float | str:
     if name in WORDS:
-        if word not in WORDS[name]:
+        if word not in WORDS[name] and not (name == "order" and re.fullmatch(r"\d+(-\d+)+", word)):
             raise ConfigError(
                 f"--vary {name}: expected one of {', '.join(WORDS[name])}, found '{word}'."
                 f"{did_you_mean(word, WORDS[name])}"
@@ -186,13 +187,24 @@ def apply_choices(case: Case, choices: Mapping[str, float | str]) -> Case:
             vehicle = replace(vehicle, battery=pack(str(value)))
         elif name == "instrument":
             vehicle = replace(vehicle, devices=_instruments(vehicle, str(value)))
-        elif name == "order" and value == "reversed":
-            mission = replace(mission, waypoints=mission.waypoints[::-1], first_waypoint=0)
+        elif name == "order" and value != "given":
+            mission = replace(mission, waypoints=_ordered(mission, str(value)), first_waypoint=0)
     mission = replace(mission, yo=yo)
     if case.loop:
         mission = replace(mission, legs=-1)
     check_mission(mission, mission.name)
     return replace(case, mission=mission, vehicle=vehicle, start=start)
+
+
+def _ordered(mission: Mission, word: str):
+    """The waypoints reversed, or in an order such as 2-1-3 of their numbers."""
+    if word == "reversed":
+        return mission.waypoints[::-1]
+    numbers = [int(part) for part in word.split("-")]
+    count = len(mission.waypoints)
+    if sorted(numbers) != list(range(1, count + 1)):
+        raise ConfigError(f"order: expected each of the waypoints 1 to {count} once, found '{word}'. Correct it.")
+    return tuple(mission.waypoints[number - 1] for number in numbers)
 
 
 def _timed(mission: Mission, seconds: float):

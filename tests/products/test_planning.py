@@ -92,6 +92,19 @@ def test_wrong_choices_are_explained(text, said):
         parse_choices([text])
 
 
+def test_waypoints_may_be_flown_in_any_order(case):
+    three = replace(case, mission=replace(case.mission, waypoints=((39.0, -72.8), (39.1, -72.9), (39.0, -73.0))))
+    assert parse_choices(["order=given,3-1-2"]) == {"order": ("given", "3-1-2")}
+    points = three.mission.waypoints
+    flown = apply_choices(three, {"order": "3-1-2"}).mission.waypoints
+    assert flown == (points[2], points[0], points[1])
+    for wrong in ("1-2", "1-2-2", "1-2-4"):
+        with pytest.raises(ConfigError, match="each of the waypoints 1 to 3 once"):
+            apply_choices(three, {"order": wrong})
+    with pytest.raises(ConfigError, match="expected one of given, reversed"):
+        parse_choices(["order=1,2"])
+
+
 def test_a_choice_given_twice_is_refused():
     with pytest.raises(ConfigError, match="found it twice"):
         parse_choices(["pitch=20", "pitch=26"])
