@@ -51,7 +51,7 @@ def errors(notebook: dict) -> list[str]:
     return found
 
 
-@pytest.fixture(params=NOTEBOOKS, ids=lambda path: path.stem)
+@pytest.fixture(params=NOTEBOOKS, ids=lambda path: path.name)
 def path(request) -> Path:
     """Each notebook in turn."""
     return request.param
@@ -89,7 +89,7 @@ def test_uses_what_is_public(path):
 
 def marked(path: Path):
     """A notebook as a parameter; all but the quick start must be asked for."""
-    return pytest.param(path, id=path.stem, marks=() if path.stem == QUICK else pytest.mark.slow)
+    return pytest.param(path, id=path.name, marks=() if path.stem == QUICK else pytest.mark.slow)
 
 
 # Jupyter's own warnings are not ours.
