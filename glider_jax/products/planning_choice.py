@@ -152,6 +152,13 @@ def why_not(setting: Setting, case: Case) -> str:
                 f"{100 * lost:.0f} % are still under way after {case.days:g} days, at the nearest "
                 f"{story['closest_km']:.1f} km from the last waypoint (speed {story['speed']:.2f} m/s{current})"
             )
+    else:
+        ended = (setting.outcome == int(Outcome.ARRIVED)).mean()
+        if ended > 0.0:
+            parts.append(
+                f"{100 * ended:.0f} % end earlier at a place that a rule of the program leads to, after a median of "
+                f"{np.median(setting.days[setting.outcome == int(Outcome.ARRIVED)]):.1f} days"
+            )
     covered = {
         int(Outcome.FLYING),
         int(Outcome.ARRIVED),

@@ -252,6 +252,12 @@ def test_the_best_of_those_sure_enough_is_recommended():
     assert recommend([far, near, sure], goal="energy", confidence=0.9)[0].setting is sure
 
 
+def test_a_program_that_ends_the_flight_early_is_the_reason(case):
+    early = replace(made([5, 5], [0, 1]), outcome=np.array([1, 0]), days=np.array([0.4, 1.0]))
+    text = why_not(early, case)
+    assert "50 % end earlier at a place that a rule of the program leads to, after a median of 0.4 days" in text
+
+
 def test_each_pack_gets_its_own_answer():
     alkaline = made([10, 10], [0, 0], battery="alkaline")
     lithium = made([10, 10], [1, 1], battery="lithium_primary_3s")
