@@ -64,7 +64,7 @@ def terms_page() -> str:
         "",
         f"The {len(rows)} terms of the library, made from the code by `python docs/make_pages.py`. The same objects",
         "run in the forecast, in the fit and in the diagnosis. Priors are written centre ± standard deviation in the",
-        "unit that reports show. One of them on the command line: `glider-forecast terms ID`.",
+        "unit that reports show. One of them on the command line: `glider-forecast terms flight.pitch_gain`.",
         "",
     ]
     order = list(dict.fromkeys(part_of(row) for row in rows))

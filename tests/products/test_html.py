@@ -243,3 +243,15 @@ def test_what_is_vendored_is_listed_with_its_licence():
 
 def test_evil_names_really_are_evil():
     assert evil_track(n=3).settings["mission"] == EVIL and "</script>" in EVIL
+
+
+def test_the_rules_of_a_program_are_told_and_escaped():
+    track = gaussian_track(60)
+    summary = summarise(track)
+    assert "program</h2>" not in report(track, summary)
+    rule = {
+        "number": 1, "rule": "rule 1 '<b>low</b>: head home'", "probability": 0.72,
+        "hours": {"p05": 242.0, "p25": 260.0, "median": 271.0, "p75": 280.0, "p95": 302.0},
+    }  # fmt: skip
+    text = report(track, summary | {"program": [rule]})
+    assert "fired in 72 % of members, median day 11.3 (10.1-12.6)" in text and "<b>low</b>" not in text

@@ -13,6 +13,7 @@ from glider_jax.products.coordinates import iso_time
 from glider_jax.products.fan import level_lines
 from glider_jax.products.html.formats import area, between, number, percent, seconds, stamp
 from glider_jax.products.html.page import Safe, bullets, cards, paragraph, table
+from glider_jax.products.rule_times import program_lines
 from glider_jax.records import BathymetryGrid, CurrentGrid
 
 
@@ -197,6 +198,11 @@ def _cover(first: float, last: float, begin: float, end: float) -> str:
     if last < end - 1.0:
         words.append(f"ends {(end - last) / 3600.0:.1f} h before the end")
     return ", ".join(words) or "covers the forecast"
+
+
+def program(summary: Mapping[str, Any]) -> Safe | str:
+    """When the rules of the mission's program came into force; nothing for a mission without one."""
+    return bullets(program_lines(summary)) or ""
 
 
 def assumptions(summary: Mapping[str, Any], drawn: int) -> Safe:
