@@ -246,7 +246,7 @@ def test_evil_names_really_are_evil():
 
 
 def test_the_rules_of_a_program_are_told_and_escaped():
-    track = gaussian_track(60)
+    track = gaussian_track(n=60)
     summary = summarise(track)
     assert "program</h2>" not in report(track, summary)
     rule = {
