@@ -24,6 +24,7 @@ from glider_jax.inference.fit import (
     stack,
 )
 from glider_jax.inference.noise import fit_noise
+from glider_jax.records import Array
 
 #: nats: evidence beyond prior odds that accepts, below which an accepted one is dropped, that a swap must gain, and
 #: within which alternatives are reported.
@@ -118,15 +119,7 @@ class Search:
 
     def _step(self) -> None:
         """Set the unknowns to their posterior means under the accepted set; everything else to its centre."""
-        mean, _ = self.linear.solve(self.active)
-        values = self.problem.centres()
-        scales = self.problem.scales()
-        for index, z in zip(self.active, mean, strict=True):
-            unknown = self.linear.labels[index].unknown
-            if unknown >= 0:
-                one = self.problem.replay.unknowns[unknown]
-                values[unknown] = np.clip(one.centre + scales[unknown] * z, one.lower, one.upper)
-        self.problem.values = values
+        _, self.problem.values = self._converged(self.picks)
         self.problem.shapes = {k: v for pick in self.picks for k, v in pick.variant.shapes.items()}
 
     def _rebind(self) -> None:
@@ -190,13 +183,16 @@ class Search:
         """Evidence of some effects at their converged fit, under the noise as it is."""
         key = tuple(sorted((p.candidate.id, tuple(sorted(p.variant.shapes.items()))) for p in picks))
         if key not in self.known:
-            labels = self.linear.labels
-            chosen = self.fixed + [i for pick in picks for i in pick.variant.columns]
-            own = sorted({labels[i].unknown for i in chosen if labels[i].unknown >= 0})
-            shapes = {k: v for pick in picks for k, v in pick.variant.shapes.items()}
-            beside = inadequacy(self.problem.gathered) if "vertical speed" in self.problem.names else {}
-            self.known[key], _ = converged(self.problem, own, beside, self.problem.values, shapes)
+            self.known[key], _ = self._converged(picks)
         return self.known[key]
+
+    def _converged(self, picks: list[Pick]) -> tuple[float, Array]:
+        labels = self.linear.labels
+        chosen = self.fixed + [i for pick in picks for i in pick.variant.columns]
+        own = sorted({labels[i].unknown for i in chosen if labels[i].unknown >= 0})
+        shapes = {k: v for pick in picks for k, v in pick.variant.shapes.items()}
+        beside = inadequacy(self.problem.gathered) if "vertical speed" in self.problem.names else {}
+        return converged(self.problem, own, beside, self.problem.values, shapes)
 
     def alternatives(self, k: int) -> list[tuple[str, float]]:
         """Effects that would explain as well in place of an accepted one: id and nats behind it (negative: ahead)."""
@@ -287,7 +283,7 @@ class Search:
             reached = []
             for active in (self.active, self.active + columns):
                 noise.sizes = kept.copy()
-                reached.append(fit_noise(noise, self.linear.raw[rows], mine[:, active], rounds=80))
+                reached.append(fit_noise(noise, self.linear.raw[rows], mine[:, active]))
             noise.sizes = kept
             total += reached[1] - reached[0]
         if total <= least:

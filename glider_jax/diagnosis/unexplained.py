@@ -42,7 +42,7 @@ SIZES = np.array([0.1, 0.3, 1.0, 3.0])
 #: Chance of what a glide model may be wrong by, beyond which it is no longer called that.
 IMPLAUSIBLE = 1e-4
 #: Least share and number of strokes that were set aside, for a word about them.
-ODD_SHARE, ODD_STROKES = 0.03, 6
+ODD_SHARE, ODD_STROKES = 0.06, 8
 #: s, samples and m: a pitch that does not change for so long while the glider goes so far stands still.
 STILL_SECONDS, STILL_SAMPLES, STILL_WAY = 300.0, 30, 20.0
 

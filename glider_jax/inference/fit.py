@@ -225,7 +225,7 @@ def converged(
     beside: dict[str, Array],
     start: Array,
     shapes: dict[str, float],
-    rounds: int = 2,
+    rounds: int = 8,
 ) -> tuple[float, Array]:
     """Evidence of a set of unknowns where their fit comes to rest, under the noise as it is, and the values there.
 
@@ -243,7 +243,7 @@ def converged(
     more = stack(problem, beside, next(iter(beside.values())).shape[1]) if beside else None
     values = centres.copy()
     values[own] = start[own]
-    best = -np.inf
+    best, lowest, rested = -np.inf, np.inf, values.copy()
     for _ in range(rounds):
         predicted, slopes = problem.replay.slopes(values, shapes, own)
         raw = np.concatenate([streams[n].value - predicted[n] for n in problem.names])
@@ -254,15 +254,29 @@ def converged(
         for noise, rows in zip(problem.noises, rows_of(problem), strict=True):
             white[rows], _ = noise.whiten(np.column_stack([raw[rows], columns[rows]]))
         r, j = white[:, 0], white[:, 1:]
+        here = ((values - centres) / scales)[own]
+        left = r - j[:, : len(own)] @ here
+        if more is not None:
+            side = j[:, len(own) :]
+            left = left - side @ np.linalg.solve(side.T @ side + np.eye(side.shape[1]), side.T @ left)
+        cost = 0.5 * float(left @ left + here @ here)
+        if cost > lowest + 0.5:
+            # The step went too far: what it leads to is no better than where it came from.
+            values = 0.5 * (values + rested)
+            continue
+        settled = lowest - cost < 0.5
+        lowest, rested = cost, values.copy()
         lower = np.linalg.cholesky(j.T @ j + np.eye(j.shape[1]))
         y = np.linalg.solve(lower, j.T @ r)
         best = float(0.5 * (y @ y - r @ r) - np.log(np.diag(lower)).sum())
+        if settled:
+            break
         z = np.linalg.solve(lower.T, y)[: len(own)]
         values = centres.copy()
         for k, step in zip(own, z, strict=True):
             one = problem.replay.unknowns[k]
             values[k] = np.clip(one.centre + one.scale * step, one.lower, one.upper)
-    return best, values
+    return best, rested
 
 
 def _independent(noise: Noise) -> None:

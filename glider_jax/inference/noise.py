@@ -266,8 +266,8 @@ def fit_noise(noise: Noise, residual: Array, columns: Array, rounds: int = 160) 
             return 1e12
 
     centre = np.log([law.median for law in noise.laws])
-    # Where the sizes were found before, they have not gone far.
-    near = not np.allclose(noise.sizes, centre)
+    # Where the sizes of a long stream were found before, they have not gone far.
+    near = noise.n > 2 * DENSE and not np.allclose(noise.sizes, centre)
     simplex = _simplex(noise.sizes, 0.25 if near else 0.7)
     found = minimize(
         cost, noise.sizes, method="Nelder-Mead",
