@@ -225,7 +225,6 @@ def _area(box, period) -> dict[str, float]:
 
 def _read_currents(options: Options, bundled: bool, box, period) -> CurrentGrid | None:
     from glider_jax.environment.synthetic import CURRENTS, synthetic_currents
-    from glider_jax.readers.currents import read_currents
 
     words = [str(p) for p in options.currents]
     made = _artificial(words[0], CURRENTS, _area(box, period)) if len(words) == 1 else None
@@ -235,12 +234,16 @@ def _read_currents(options: Options, bundled: bool, box, period) -> CurrentGrid 
         grid = synthetic_currents(made[0], **made[1])
     elif words or bundled:
         paths = list(options.currents) if words else [Path(bundled_path("new_jersey_currents.nc"))]
-        grid = kept_currents(
-            options.cache,
-            [*paths, *([options.grid] if words and options.grid else [])],
-            (box, period, words and options.grid is not None),
-            lambda: read_currents(paths, box=box, period=period, grid=options.grid if words else None),
-        )
+        own = options.grid if words else None
+
+        def read() -> CurrentGrid:
+            # Not needed, and slow to load, where the currents are kept.
+            from glider_jax.readers.currents import read_currents
+
+            return read_currents(paths, box=box, period=period, grid=own)
+
+        asked = (box, period, own is not None)
+        grid = kept_currents(options.cache, [*paths, *([own] if own is not None else [])], asked, read)
     else:
         grid = None
     return grid if options.tides is None else _with_tides(options, grid, box, period)
