@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from glider_jax.diagnosis.proof import cases, protocol
+from glider_jax.diagnosis.proof import cases, metrics, protocol
 from glider_jax.diagnosis.proof.ocean import DAY
 from glider_jax.errors import ConfigError
 
@@ -142,13 +142,18 @@ def test_a_run_is_sealed_resumed_and_scored(tmp_path, fake):
     said = []
     report = protocol.prove(out, 2, 11, "single", diagnosis=fake, said=said.append)
     calls = sys.modules["fake_diagnosis"].CALLS
-    assert calls == ["single001", "single001", "single002", "single002"]  # each again with the truth given
-    assert sys.modules["fake_diagnosis"].OPTIONS[1][0] == tuple(cases.grouped(truths[0]["effects"]))
+    # A strong one is asked again with the truth given, for the gain that was to be had.
+    strong = [metrics.strength(truth) >= metrics.STRONG for truth in truths]
+    assert any(strong)
+    asked = [name for k, name in enumerate(("single001", "single002")) for _ in range(1 + strong[k])]
+    assert calls == asked
+    told = sys.modules["fake_diagnosis"].OPTIONS[asked.index(f"single00{strong.index(True) + 1}") + 1][0]
+    assert told == tuple(cases.grouped(truths[strong.index(True)]["effects"]))
     assert report["scores"]["cases"] == 2 and (out / "table.md").read_text().startswith("| set")
     assert not (out / "cases" / "single001").exists()
     (out / "results" / "single002.json").unlink()
     protocol.prove(out, 2, 11, "single", diagnosis=fake, oracle=False, keep=True)
-    assert calls[4:] == ["single002"] and (out / "cases" / "single002" / "vehicle.toml").exists()
+    assert calls[len(asked) :] == ["single002"] and (out / "cases" / "single002" / "vehicle.toml").exists()
     assert "concealed" in said[-1]
 
 
