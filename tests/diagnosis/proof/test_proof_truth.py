@@ -224,8 +224,12 @@ def test_the_truth_shares_no_physics_with_what_explains_it():
     from glider_jax.diagnosis import proof
 
     allowed = ("glider_jax.diagnosis.proof", "glider_jax.errors", "glider_jax.environment.seawater")
-    # The run on real recordings calls the diagnosis, as the protocol does by its name; nothing is made there.
-    runs = {"real_cases.py", "real_report.py"}
+    # The runs on real recordings make nothing and call the diagnosis; their independent look is held to this below.
+    runs = {"real_cases.py", "real_report.py", "real_check.py"}
+    check = ast.walk(ast.parse((Path(proof.__file__).parent / "real_check.py").read_text(encoding="utf-8")))
+    modules = [node.module or "" for node in check if isinstance(node, ast.ImportFrom)]
+    parts = ("physics", "inference", "mission", "diagnosis.run", "diagnosis.screen")
+    assert modules and not [m for m in modules if m.startswith(tuple(f"glider_jax.{part}" for part in parts))]
     for path in sorted(Path(proof.__file__).parent.glob("*.py")):
         if path.name in runs:
             continue
