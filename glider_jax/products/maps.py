@@ -376,7 +376,7 @@ def _draw_zoom(
         )  # fmt: skip
     chart.draw_scale_bar(axes, limits)
     axes.tick_params(labelsize=7)
-    axes.set_title("Next surfacings: 50 % (solid) and 90 % (dashed) regions", fontsize=9.5, loc="left")
+    axes.set_title("Next surfacings: 50 % (solid), 90 % (dashed)", fontsize=9.5, loc="left")
 
 
 def _clock(text: str | None) -> str:
