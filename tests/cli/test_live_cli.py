@@ -3,38 +3,15 @@
 from __future__ import annotations
 
 import json
-import sys
 
 import pytest
 
 from glider_jax.products.live_inputs import watch
 from glider_jax.products.live_missions import _nmea
-from glider_jax_cli.main import main
 from tests.inference.test_live import TWO
 from tests.readers.glider_layouts import simulate, write_native
 
 FEW = ["--n", "100", "--hours", "12"]
-
-
-@pytest.fixture
-def run(monkeypatch, tmp_path, capsys):
-    """Run the entry point with words; return exit code, standard output and standard error."""
-    monkeypatch.setenv("GLIDER_JAX_CACHE", str(tmp_path / "cache"))
-    # Earlier tests may have started JAX with other devices, which cannot be changed then.
-    monkeypatch.setenv("XLA_FLAGS", "--xla_force_host_platform_device_count=1")
-    monkeypatch.chdir(tmp_path)
-
-    def call(*words):
-        monkeypatch.setattr(sys, "argv", ["glider-forecast", *map(str, words)])
-        code = 0
-        try:
-            main()
-        except SystemExit as stop:
-            code = stop.code or 0
-        out = capsys.readouterr()
-        return code, out.out, out.err
-
-    return call
 
 
 @pytest.fixture(scope="module")
