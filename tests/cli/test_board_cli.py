@@ -12,25 +12,6 @@ import pytest
 from glider_jax.board import frames
 from glider_jax.board.emulator import Emulator, PtyLine
 from glider_jax.board.fits import SLOPE
-from glider_jax_cli.main import main
-
-
-@pytest.fixture
-def run(monkeypatch, tmp_path, capsys):
-    """Run the entry point with words; return exit code, standard output and standard error."""
-    monkeypatch.chdir(tmp_path)
-
-    def call(*words):
-        monkeypatch.setattr(sys, "argv", ["glider-forecast", *map(str, words)])
-        code = 0
-        try:
-            main()
-        except SystemExit as stop:
-            code = stop.code or 0
-        out = capsys.readouterr()
-        return code, out.out, out.err
-
-    return call
 
 
 def counts(ticks=600, seed=0):

@@ -3,33 +3,11 @@
 from __future__ import annotations
 
 import json
-import sys
 
 import numpy as np
 import pytest
 
-from glider_jax_cli.main import main
-
 SHORT = ["ensemble", "--n", "40", "--days", "0.5"]
-
-
-@pytest.fixture
-def run(monkeypatch, tmp_path, capsys):
-    """Run the entry point with words; return exit code, standard output and standard error."""
-    monkeypatch.setenv("GLIDER_JAX_CACHE", str(tmp_path / "cache"))
-    monkeypatch.chdir(tmp_path)
-
-    def call(*words):
-        monkeypatch.setattr(sys, "argv", ["glider-forecast", *map(str, words)])
-        code = 0
-        try:
-            main()
-        except SystemExit as stop:
-            code = stop.code or 0
-        out = capsys.readouterr()
-        return code, out.out, out.err
-
-    return call
 
 
 def test_writes_every_product_and_prints_json(run, tmp_path):
