@@ -29,7 +29,7 @@ FLAGS = (
 class Grids(ctypes.Structure):
     """The struct of the same name in mission.c."""
 
-    _fields_ = [  # noqa: RUF012
+    _fields_ = [
         *((name, ctypes.c_void_p) for name in ("currents", "error", "floor", "speeds", "waypoints")),
         *((name, ctypes.c_float) for name in PLACES),
         *((name, ctypes.c_int32) for name in COUNTS),
