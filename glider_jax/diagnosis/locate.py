@@ -7,6 +7,7 @@ flipping dives cannot see it.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,8 +35,8 @@ class Place:
     """How strongly a stream's residual depends on a covariate.
 
     ``p`` by dive flips (or by the noise law for ``dive``), ``z`` of the worst bin, ``low`` and ``high`` its edges in
-    shown units, ``phase`` ``dives``, ``climbs`` or empty, ``size`` the mean residual in the bin in shown units, and
-    ``share`` of the stream's residual variance that bin means explain.
+    shown units, ``phase`` ``dives``, ``climbs``, empty, or how a shape has both (see ``shapes.Shape``), ``size`` the
+    mean residual in the bin in shown units, and ``share`` of the stream's residual variance that bin means explain.
     """
 
     stream: str
@@ -192,9 +193,35 @@ def discoveries(found: list[Place], q: float = 0.05) -> list[Place]:
     return [replace(place, significant=i in kept) for i, place in enumerate(found)]
 
 
+def _shared(size: str, more: bool, stream: str) -> str:
+    """What several measurements say alike."""
+    for name, ways in (("east", ("east", "west")), ("north", ("north", "south"))):
+        if stream.endswith(name):
+            return f"at depth and at the surface the water moves {size} more to the {ways[not more]} than the model"
+    return f"{stream.partition(',')[0]} is {size} {'above' if more else 'below'} the model on dives and climbs alike"
+
+
+#: What shapes say that are neither of dives nor of climbs; positive vertical speed is down.
+_WAYS: dict[str, Callable[[str, bool, str], str]] = {
+    "alike": lambda size, more, _: f"on dives and climbs alike the glider is carried {size} {'down' if more else 'up'}",
+    "opposite": lambda size, more, _: (
+        f"the glider dives and climbs {size} {'slower' if more else 'faster'} than the model"
+    ),
+    "across": lambda size, more, _: (
+        f"the glider is set {size} to the {'right' if more else 'left'} of its heading"
+    ),
+    "along": lambda size, more, _: (
+        f"the glider gets {size} {'ahead of' if more else 'behind'} the model along its heading"
+    ),
+    "shared": _shared,
+}
+
+
 def _what(place: Place) -> str:
     """What the glider or a measurement does beside the model, in words."""
     size, more = f"{abs(place.size):.2g} {place.size_unit}", place.size > 0.0
+    if place.phase in _WAYS:
+        return _WAYS[place.phase](size, more, place.stream)
     if place.stream == "vertical speed" and place.phase:
         # Positive is downward: a climb with a positive residual is slower.
         verb, faster = ("sinks", more) if place.phase == "dives" else ("climbs", not more)

@@ -250,13 +250,30 @@ def _unexplained(content: dict[str, Any], pictures: dict[str, bytes]) -> str:
         return ""
     lines = ["<h2>Without a name</h2>"]
     for one in content["unexplained"]:
-        lines.append(
-            f"<p>{e(one['sentence'])} Size {one['rms']:.2g} {e(one['unit'])} rms; as a smooth curve it improves dives "
-            f"left out of the fit by {one['held_out_gain']:.0f} nats. No effect of the catalogue fits it, so what is "
-            "named in the same measurement is tentative.</p>"
-        )
+        lines.append(f"<p>{e(one['sentence'])} {e(_without_name(one))}</p>")
     lines.append(_picture(pictures, "unexplained", "Shape of what has no name, with its 90 % band."))
     return "\n".join(lines)
+
+
+def _without_name(one: dict[str, Any]) -> str:
+    """What structure without a name is worth, and what it means for what was named."""
+    if one["place"]["covariate"] == "stuck":
+        return "Look at the sensor first: effects named in speed, lift or drag may be its doing."
+    if one["place"]["covariate"] == "stroke":
+        return (
+            f"Their excess is {one['rms']:.2g} {one['unit']} rms. They were set aside from the pump's own cost; what "
+            "made them is not in the catalogue."
+        )
+    said = f"Size {one['rms']:.2g} {one['unit']} rms where it is."
+    if one["held_out_gain"] is not None:
+        said += f" As a smooth curve it foretells dives left out of the fit better by {one['held_out_gain']:.0f} nats."
+    if one["instead_of"]:
+        names = " and ".join(spoken(TERMS_BY_ID[id].info.title) for id in one["instead_of"])
+        return (
+            f"{said} A curve without physics explains more than {names} in its place: the name is that of a neighbour, "
+            "do not act on it."
+        )
+    return said + " No effect of the catalogue fits it, so what is named in the same measurement is tentative."
 
 
 def _held_out(content: dict[str, Any]) -> str:

@@ -23,7 +23,7 @@ from glider_jax.diagnosis.flow import name_flow
 from glider_jax.diagnosis.misses import explain
 from glider_jax.diagnosis.schema import document
 from glider_jax.diagnosis.screen import Search
-from glider_jax.diagnosis.unexplained import Remainder, remainders, stuck
+from glider_jax.diagnosis.unexplained import Named, Remainder, remainders, stuck
 from glider_jax.errors import DataError, did_you_mean
 from glider_jax.inference.fit import make_problem, robust_covariance
 from glider_jax.inference.kinematics import held
@@ -197,7 +197,7 @@ def _find(recording, vehicle, mission, currents, bathymetry, settings, tell) -> 
             linear.raw - linear.raw_columns[:, fixed] @ alone,
         )
     )  # fmt: skip
-    rest, after = remainders(search.problem, linear, active)
+    rest, after = remainders(search.problem, linear, active, _replaceable(search))
     still = stuck(search.problem, recording)
     if still is not None:
         rest = [still, *(one for one in rest if one.place.stream != still.place.stream)]
@@ -214,6 +214,19 @@ def _find(recording, vehicle, mission, currents, bathymetry, settings, tell) -> 
         recording, vehicle, gathered, search, mean, covariance, blocks, last, before, after, rest, whitened, 0.0,
         settings,
     )  # fmt: skip
+
+
+def _replaceable(search: Search) -> list[Named]:
+    """Every accepted effect by itself, and all of them together, with the evidence for each."""
+    found = [
+        Named((pick.candidate.id,), pick.variant.columns, search._worth(k)) for k, pick in enumerate(search.picks)
+    ]
+    if len(found) > 1:
+        gain = search.linear.score(search.active) - search.linear.score(search.fixed)
+        odds = sum(pick.candidate.log_odds + pick.looked for pick in search.picks)
+        columns = tuple(i for pick in search.picks for i in pick.variant.columns)
+        found.append(Named(tuple(pick.candidate.id for pick in search.picks), columns, gain + odds))
+    return found
 
 
 def _chosen(gathered: Gathered, streams: Sequence[str]) -> Gathered:

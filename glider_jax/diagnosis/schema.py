@@ -285,7 +285,7 @@ def _place(place: locate.Place) -> dict[str, Any]:
 def _remainder(one: Any) -> dict[str, Any]:
     return {
         "place": _place(one.place), "sentence": locate.sentence(one.place), "rms": number(one.rms), "unit": one.unit,
-        "held_out_gain": number(one.gain),
+        "held_out_gain": number(one.gain), "evidence": number(one.evidence), "instead_of": list(one.instead),
         "curve": {"unit": one.axis_unit, "at": [number(v) for v in one.axis], "value": [number(v) for v in one.curve],
                   "sd": [number(v) for v in one.sd]},
     }  # fmt: skip
