@@ -418,7 +418,7 @@ class NumbaStep:
         ends = np.zeros((count, ENDS), np.float32)
         _fly(
             given.plan, given.places, given.counts, given.currents, given.error, given.floor, given.speeds,
-            given.waypoints, np.ascontiguousarray(given.member.T), np.ascontiguousarray(given.keys.T), given.codes, given.outputs,
-            self._records, ends,
+            given.waypoints, np.ascontiguousarray(given.member.T), np.ascontiguousarray(given.keys.T), given.codes,
+            given.outputs, self._records, ends,
         )  # fmt: skip
         return Flown(self._records.transpose(1, 2, 0), ends.T)
