@@ -1,4 +1,4 @@
-"""Drift in the same current as other tools: python -m tests.benchmarks.bench_peers --peers FOLDER [--quick] [--out FILE].
+"""Drift in the same current as other tools: python -m tests.benchmarks.bench_peers --peers FOLDER [--quick].
 
 The drift-only part of a mission is all that these tools have, so the forecaster flies its whole step (yos, seafloor,
 energy, records) with a forward speed of a hundredth of a millimetre per second. The water is a gyre with a rotating

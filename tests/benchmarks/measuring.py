@@ -97,8 +97,8 @@ def machine() -> dict[str, Any]:
     model = platform.processor() or platform.machine()
     cpu = Path("/proc/cpuinfo")
     if cpu.exists():
-        named = [line.split(":", 1)[1].strip() for line in cpu.read_text().splitlines() if line.startswith("model name")]
-        model = named[0] if named else model
+        named = [line.split(":", 1)[1] for line in cpu.read_text().splitlines() if line.startswith("model name")]
+        model = named[0].strip() if named else model
     versions = {"python": platform.python_version()}
     for name in PACKAGES:
         try:
@@ -156,7 +156,7 @@ def part(name: str, data: dict[str, Any], tables: Sequence[dict[str, Any]], out:
 def command_line(about: str | None, *, peers: bool = False) -> argparse.Namespace:
     """The arguments that every benchmark takes."""
     parser = argparse.ArgumentParser(description=about, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="small sizes and few repeats: whether it runs, not how fast")
+    parser.add_argument("--quick", action="store_true", help="small sizes, few repeats: that it runs, not how fast")
     parser.add_argument("--out", type=Path, help="file for the numbers (JSON)")
     if peers:
         parser.add_argument("--peers", type=Path, help="folder with one virtual environment per peer")
