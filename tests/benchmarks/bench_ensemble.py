@@ -1,115 +1,128 @@
-"""Time and memory of the main job: python -m tests.benchmarks.bench_ensemble [--n 5000] [--repeat 5] [--out FILE].
+"""Stages of the main job: python -m tests.benchmarks.bench_ensemble [--quick] [--out FILE] [--speed flight].
 
-Each stage is timed apart: imports, reading, tabulating, compiling, flying (warm), netCDF, summary, pictures. CPU
-seconds are those of the whole process; on a shared machine they say more than the wall's.
+Imports, reading, tabulating, compiling or loading, drawing, flying, netCDF, summary, pictures: each timed apart, in a
+process of its own, first with an empty cache folder, then with a filled one. The command itself overlaps some of
+them, so that it can take less than their sum; whole commands are timed by bench_scaling.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import os
-import platform
 import resource
+import subprocess
+import sys
 import tempfile
-import time
 from pathlib import Path
 
+from tests.benchmarks.measuring import command_line, least_and_median, once, part, seconds, table
 
-class Clock:
-    """Wall and CPU seconds of named stages."""
 
-    def __init__(self):
-        self.stages: dict[str, dict[str, float]] = {}
+def measure(n: int, speed: str, days: float) -> dict:
+    """Run every stage of the default mission once, in this process, and return their times and the peak memory."""
+    stages: dict[str, dict[str, float]] = {}
 
-    def __call__(self, name, work):
-        wall, cpu = time.perf_counter(), time.process_time()
-        result = work()
-        entry = {"wall_s": time.perf_counter() - wall, "cpu_s": time.process_time() - cpu}
-        best = self.stages.get(name)
-        if best is None or entry["wall_s"] < best["wall_s"]:
-            self.stages[name] = entry
+    def stage(name, work):
+        stages[name], result = once(work)
         return result
 
-
-def measure(n: int, repeat: int, speed: str, days: float) -> dict:
-    """Run the default mission and return the stages' times (the least of the repeats), memory and versions."""
-    clock = Clock()
-
     def imports():
-        from glider_jax_cli.session import compiled_cache
+        from tests.benchmarks.flights import engine
 
-        compiled_cache()
+        engine()
         import glider_jax.mission.forecast
-        import glider_jax.products.maps  # noqa: F401
+        import glider_jax.products.maps
+        import glider_jax.products.netcdf
+        import glider_jax.readers.currents  # noqa: F401
 
-    clock("import", imports)
-    import jax
-    import numpy as np
-
-    from glider_jax.mission.ensemble import run_members
-    from glider_jax.mission.forecast import bring_home, draw_run
+    stage("import", imports)
     from glider_jax.products.fan import plot_battery
     from glider_jax.products.job import Options, prepare_run, read_inputs
     from glider_jax.products.maps import plot_map
     from glider_jax.products.netcdf import write_netcdf
     from glider_jax.products.summary import summarise
+    from glider_jax_cli.session import cache_folder
+    from tests.benchmarks.flights import draw, fly, home
 
-    options = Options(n=n, speed=speed, days=days)
-    inputs = clock("read", lambda: read_inputs(options))
-    run = clock("tabulate", lambda: prepare_run(options, inputs))
-
-    def flown():
-        members, available = draw_run(run, 0, n)
-        state, out = run_members(members, run.plan, run.shape, run.environment, run.column, 0.0, 0.0)
-        jax.block_until_ready(out)
-        return members, available, state, out
-
-    clock("compile and first flight", flown)
-    for _ in range(repeat):
-        members, available, state, out = clock("draw and fly", flown)
-    track = clock("to host", lambda: bring_home(run, members, available, state, out))
+    options = Options(n=n, speed=speed, days=days, cache=cache_folder())
+    inputs = stage("read", lambda: read_inputs(options))
+    run = stage("tabulate", lambda: prepare_run(options, inputs))
+    members, available = stage("draw members", lambda: draw(run, n))
+    flown = stage("compile or load, and first flight", lambda: fly(run, members))
+    flown = stage("flight", lambda: fly(run, members))
+    track = stage("to host", lambda: home(run, members, available, flown))
     with tempfile.TemporaryDirectory() as folder:
-        for _ in range(min(repeat, 3)):
-            clock("netCDF", lambda: write_netcdf(track, Path(folder) / "forecast.nc"))
-            summary = clock("summary", lambda: summarise(track))
-        clock("map", lambda: plot_map(track, Path(folder) / "map.png", bathymetry=inputs.bathymetry,
+        out = Path(folder)
+        stage("netCDF", lambda: write_netcdf(track, out / "forecast.nc"))
+        summary = stage("summary", lambda: summarise(track))
+        stage("map", lambda: plot_map(track, out / "map.png", bathymetry=inputs.bathymetry,
                                       currents=inputs.currents, summary=summary))  # fmt: skip
-        clock("battery chart", lambda: plot_battery(track, Path(folder) / "battery.png", summary=summary))
-    return {
-        "members": n,
-        "days": days,
-        "speed": speed,
-        "steps_per_member": float(np.mean(np.asarray(state.steps))),
-        "stages": clock.stages,
-        "peak_rss_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0,
-        "devices": [str(d) for d in jax.devices()],
-        "versions": {"python": platform.python_version(), "jax": jax.__version__, "numpy": np.__version__},
-        "cpus": len(os.sched_getaffinity(0)),
-        "machine": platform.processor() or platform.machine(),
-    }
+        stage("battery chart", lambda: plot_battery(track, out / "battery.png", summary=summary))
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    return {"n": n, "days": days, "speed": speed, "stages": stages, "peak_mb": peak}
 
 
-def table(result: dict) -> str:
-    """The stages as a Markdown table."""
-    rows = ["| stage | wall s | CPU s |", "| --- | ---: | ---: |"]
-    rows += [f"| {name} | {t['wall_s']:.3f} | {t['cpu_s']:.3f} |" for name, t in result["stages"].items()]
-    return "\n".join(rows) + f"\n\npeak memory {result['peak_rss_mb']:.0f} MB, {result['members']} members"
+def processes(n: int, speed: str, days: float, repeat: int) -> dict:
+    """Stages in processes of their own: the first with an empty cache folder, ``repeat`` more with what it left."""
+    import os
+
+    with tempfile.TemporaryDirectory() as folder:
+
+        def one():
+            given = ["--one", "--n", str(n), "--speed", speed, "--days", str(days)]
+            made = subprocess.run(
+                [sys.executable, "-m", "tests.benchmarks.bench_ensemble", *given],
+                env=os.environ | {"GLIDER_JAX_CACHE": folder}, capture_output=True, text=True,
+            )  # fmt: skip
+            if made.returncode:
+                raise RuntimeError(made.stderr.strip()[-500:])
+            return json.loads(made.stdout.strip().splitlines()[-1])
+
+        first = one()
+        warm = [one() for _ in range(repeat)]
+    return {"n": n, "days": days, "speed": speed, "first": first, "warm": warm}
+
+
+def tables(found: dict) -> list[dict]:
+    """The stages of one kind of run as a table."""
+    rows = []
+    first, warm = found["first"]["stages"], [run["stages"] for run in found["warm"]]
+    for name, spent in first.items():
+        walls, cpus = ([run[name][key] for run in warm] for key in ("wall_s", "cpu_s"))
+        rows.append([name, seconds(spent["wall_s"]), seconds(spent["cpu_s"]), *least_and_median(walls),
+                     *least_and_median(cpus)])  # fmt: skip
+    sums = [[sum(s[key] for s in run.values()) for run in [first, *warm]] for key in ("wall_s", "cpu_s")]
+    rows.append(["sum", seconds(sums[0][0]), seconds(sums[1][0]), *least_and_median(sums[0][1:]),
+                 *least_and_median(sums[1][1:])])  # fmt: skip
+    peak = max(run["peak_mb"] for run in [found["first"], *found["warm"]])
+    return [
+        table(
+            f"Stages: {found['n']:,} members, {found['days']:g} days, {found['speed']}",
+            ["stage", "first run: wall s", "CPU s", "warm: wall s, least", "wall s, median", "CPU s, least",
+             "CPU s, median"],
+            rows,
+            f"Peak memory {peak:.0f} MB. The flight stands twice: with compiling or loading its program, and alone.",
+        )
+    ]  # fmt: skip
 
 
 def main() -> None:
-    """Command line of the benchmark."""
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--n", type=int, default=5000)
-    parser.add_argument("--repeat", type=int, default=5)
-    parser.add_argument("--days", type=float, default=15.0)
-    parser.add_argument("--speed", default="distribution")
-    parser.add_argument("--out", type=Path)
-    given = parser.parse_args()
-    result = measure(given.n, given.repeat, given.speed, given.days)
-    print(table(result))
-    if given.out:
-        given.out.write_text(json.dumps(result, indent=1) + "\n")
+    """Command line of the benchmark; ``--one`` prints one run of this process as JSON, for ``processes``."""
+    if "--one" in sys.argv:
+        parser = argparse.ArgumentParser()
+        parser.add_argument("--one", action="store_true")
+        parser.add_argument("--n", type=int)
+        parser.add_argument("--speed")
+        parser.add_argument("--days", type=float)
+        given = parser.parse_args()
+        print(json.dumps(measure(given.n, given.speed, given.days)))
+        return
+    given = command_line(__doc__)
+    if given.quick:
+        found = {"distribution": processes(200, "distribution", 2.0, 1)}
+    else:
+        found = {speed: processes(5000, speed, 15.0, 5) for speed in ("distribution", "flight")}
+    part("stages", found, [one for run in found.values() for one in tables(run)], given.out)
 
 
 if __name__ == "__main__":

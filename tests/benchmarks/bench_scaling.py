@@ -1,7 +1,8 @@
 """Whole commands, and cost against members and days: python -m tests.benchmarks.bench_scaling [--quick] [--out FILE].
 
-Commands run in processes of their own, first with an empty cache folder, then with a filled one; wall and CPU seconds
-and the largest memory are those of the process. The scaling table flies and summarises without writing files.
+Commands and rows run in processes of their own, so that wall and CPU seconds and the largest memory are theirs. A
+command runs first with an empty cache folder, then with a filled one. A row of the scaling table flies and summarises
+without writing files; the largest ensemble is the whole command with streamed products, once.
 """
 
 from __future__ import annotations
@@ -9,119 +10,211 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import platform
 import subprocess
 import sys
 import tempfile
-import time
+from dataclasses import replace
 from pathlib import Path
+
+from tests.benchmarks.measuring import (
+    command,
+    command_line,
+    forecaster,
+    least,
+    least_and_median,
+    part,
+    repeated,
+    seconds,
+    table,
+)
 
 _COMMANDS = {
     "ensemble --n 5000 --format nc,json": ["ensemble", "--n", "5000", "--format", "nc,json"],
+    "ensemble --n 5000 --format nc,json,map,battery": ["ensemble", "--n", "5000", "--format", "nc,json,map,battery"],
     "ensemble --n 5000 (all products)": ["ensemble", "--n", "5000"],
     "ensemble --n 5000 --speed flight --format nc,json": [
         "ensemble", "--n", "5000", "--speed", "flight", "--format", "nc,json",
     ],
+    "next --recording recording.nc --now data": ["next", "--now", "data", "--recording"],
     "--help": ["--help"],
 }  # fmt: skip
+_QUICK = ("ensemble --n 5000 --format nc,json", "--help")
+#: A recording of some days for ``next`` and ``diagnose``; its folder is named by the environment or lies beside.
+SHARED = Path(os.environ.get("GLIDER_JAX_SHARED", Path(__file__).resolve().parents[3] / "shared"))
+CASE = SHARED / "blind-practice" / "practice1"
+MEMBERS = (100, 1000, 5000, 50_000)
+DAYS = (1.0, 5.0, 15.0, 30.0, 60.0)
+MILLION = 1_000_000
 
 
-def timed(arguments: list[str], cache: Path, out: Path) -> dict[str, float]:
-    """Wall and CPU seconds and peak memory (MB) of one command."""
-    where = ["--out", str(out)] if arguments[0] == "ensemble" else []
-    command = [sys.executable, "-m", "glider_jax_cli.main", *arguments, *where]
-    begin = time.perf_counter()
-    with subprocess.Popen(
-        command,
-        env=os.environ | {"GLIDER_JAX_CACHE": str(cache)},
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    ) as process:
-        _, status, usage = os.wait4(process.pid, 0)
-        process.returncode = os.waitstatus_to_exitcode(status)
-    if process.returncode:
-        raise RuntimeError(f"{' '.join(arguments)} ended with {process.returncode}")
-    wall = time.perf_counter() - begin
-    return {"wall_s": wall, "cpu_s": usage.ru_utime + usage.ru_stime, "peak_mb": usage.ru_maxrss / 1024.0}
-
-
-def commands(repeat: int) -> dict[str, dict]:
-    """Every command, first with an empty cache and then warm (the least of the repeats)."""
+def commands(repeat: int, names: tuple[str, ...] = tuple(_COMMANDS), shrink: bool = False) -> dict[str, dict]:
+    """Every command with an empty cache and then warm; ``shrink`` flies fewer members, to see that all of it runs."""
     found = {}
-    for name, arguments in _COMMANDS.items():
+    for name in names:
+        arguments = list(_COMMANDS[name])
+        if shrink:
+            arguments, name = ["200" if a == "5000" else a for a in arguments], name.replace("5000", "200")
+        if arguments[0] == "next":
+            if not CASE.exists():
+                found[name] = {"skipped": "no recording is at hand"}
+                continue
+            arguments.append(str(CASE / "recording.nc"))
         with tempfile.TemporaryDirectory() as folder:
-            cache, out = Path(folder) / "cache", Path(folder) / "out"
-            first = timed(arguments, cache, out)
-            warm = [timed(arguments, cache, out) for _ in range(repeat)]
-        found[name] = {"first": first, "warm": min(warm, key=lambda run: run["wall_s"])}
+            where = ["--out", str(Path(folder) / "out")] if arguments[0] in ("ensemble", "next") else []
+            given, around = forecaster(*arguments, *where), {"GLIDER_JAX_CACHE": str(Path(folder) / "cache")}
+            first = command(given, around)
+            warm = [command(given, around) for _ in range(repeat)]
+        found[name] = {"first": first, "warm": warm}
     return found
 
 
-def scaling(members: list[int], days: list[float]) -> list[dict[str, float]]:
-    """Wall and CPU seconds of flying and summarising, warm."""
-    from glider_jax_cli.session import compiled_cache
+def million(n: int) -> dict:
+    """The streamed command on many members, once, with programs already kept."""
+    with tempfile.TemporaryDirectory() as folder:
+        around = {"GLIDER_JAX_CACHE": str(Path(folder) / "cache")}
 
-    compiled_cache()
-    from glider_jax.products.job import Options, read_inputs
-    from glider_jax.products.job import prepare_run as prepare
-    from glider_jax.products.running import fly_products
-
-    rows = []
-    for length in days:
-        base = Options(days=length, outputs=frozenset())
-        inputs = read_inputs(base)
-        for n in members if length == 15.0 else members[:1]:
-            options = Options(n=n, days=length, outputs=frozenset())
-            run = prepare(options, inputs)
-            if n <= 5000:
-                fly_products(run, options, None, (), None, resume=False)
-            wall, cpu = time.perf_counter(), time.process_time()
-            fly_products(run, options, None, (), None, resume=False)
-            rows.append(
-                {"n": n, "days": length, "wall_s": time.perf_counter() - wall, "cpu_s": time.process_time() - cpu}
+        def given(count):
+            return forecaster(
+                "ensemble", "--n", str(count), "--format", "json,map", "--out", str(Path(folder) / "out")
             )
-    return rows
+
+        command(given(5000), around)
+        return command(given(n), around) | {"n": n}
 
 
-def table(result: dict) -> str:
-    """Both tables as Markdown."""
-    lines = ["| command | first run: wall s, CPU s | warm: wall s, CPU s | peak MB |", "| --- | ---: | ---: | ---: |"]
-    for name, runs in result["commands"].items():
-        first, warm = runs["first"], runs["warm"]
-        lines.append(
-            f"| `{name}` | {first['wall_s']:.1f}, {first['cpu_s']:.1f} | {warm['wall_s']:.1f}, {warm['cpu_s']:.1f} "
-            f"| {max(first['peak_mb'], warm['peak_mb']):.0f} |"
+def long_run(n: int, days: float):
+    """Inputs and run of any length: beyond the bundled currents they start again, the glider sails to and fro, and
+    its pack is large enough."""
+    import numpy as np
+
+    from glider_jax.products.job import Options, prepare_run, read_inputs
+
+    inputs = read_inputs(Options(n=n, days=min(days, 15.0)))
+    if days > 15.0:
+        grid = inputs.currents
+        copies = int(np.ceil((days + 1.0) / 15.0))
+        step = grid.time[1] - grid.time[0]
+        time = grid.time[0] + step * np.arange(copies * grid.time.size)
+        tiled = {name: np.tile(getattr(grid, name), (copies, 1, 1, 1)) for name in ("east", "north")}
+        battery = inputs.vehicle.battery
+        more = {
+            name: replace(getattr(battery, name), value=20.0 * getattr(battery, name).value)
+            for name in ("capacity", "energy")
+        }
+        sd = {} if grid.east_sd is None else {
+            name: np.tile(getattr(grid, name), (copies, 1, 1, 1)) for name in ("east_sd", "north_sd")
+        }  # fmt: skip
+        inputs = replace(
+            inputs,
+            currents=replace(grid, time=time, **tiled, **sd),
+            mission=replace(inputs.mission, legs=-1),
+            vehicle=replace(inputs.vehicle, battery=replace(battery, **more)),
+            days=days,
         )
-    lines += ["", "| members | days | wall s | CPU s | CPU µs per member and day |"]
-    lines.append("| ---: | ---: | ---: | ---: | ---: |")
-    for row in result["scaling"]:
-        each = 1e6 * row["cpu_s"] / (row["n"] * row["days"])
-        lines.append(f"| {row['n']:,} | {row['days']:g} | {row['wall_s']:.2f} | {row['cpu_s']:.2f} | {each:.1f} |")
-    lines += ["", f"{result['machine']}, {result['cpus']} cores, jax {result['jax']}"]
-    return "\n".join(lines)
+    options = Options(n=n, days=days, outputs=frozenset())
+    return options, prepare_run(options, inputs)
+
+
+def row(n: int, days: float, repeat: int) -> dict:
+    """Flying and summarising in this process, warm."""
+    import resource
+
+    from glider_jax.products.running import fly_products
+    from tests.benchmarks.flights import engine
+
+    engine()
+    options, run = long_run(n, days)
+    track, _, _ = fly_products(run, options, None, (), None, resume=False)
+    times = repeated(lambda: fly_products(run, options, None, (), None, resume=False), repeat)
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    flying = float((track.outcome == 0).mean() + (track.outcome == 1).mean())
+    return times | {"n": n, "days": days, "peak_mb": peak, "flying_or_arrived": flying}
+
+
+def scaling(members, days, repeat: int) -> list[dict]:
+    """Rows for every number of members at fifteen days (or the longest), and for every length at 5,000 (or most)."""
+    base = 15.0 if 15.0 in days else max(days)
+    usual = 5000 if 5000 in members else max(members)
+    asked = [(n, base) for n in members] + [(usual, length) for length in days if length != base]
+    found = []
+    for n, length in asked:
+        made = subprocess.run(
+            [sys.executable, "-m", "tests.benchmarks.bench_scaling", "--row", str(n), str(length), str(repeat)],
+            capture_output=True, text=True,
+        )  # fmt: skip
+        if made.returncode:
+            raise RuntimeError(made.stderr.strip()[-500:])
+        found.append(json.loads(made.stdout.strip().splitlines()[-1]))
+    return found
+
+
+def tables(found: dict) -> list[dict]:
+    """Commands, and cost against members and days."""
+    rows = []
+    for name, runs in found["commands"].items():
+        if "skipped" in runs:
+            rows.append([f"`{name}`: not run, {runs['skipped']}", *[""] * 7])
+            continue
+        first, warm = runs["first"], runs["warm"]
+        peak = max(run["peak_mb"] for run in [first, *warm])
+        rows.append([
+            f"`{name}`", seconds(first["wall_s"]), seconds(first["cpu_s"]),
+            *least_and_median([run["wall_s"] for run in warm]), *least_and_median([run["cpu_s"] for run in warm]),
+            f"{peak:.0f}",
+        ])  # fmt: skip
+    costs = []
+    for one in found["scaling"]:
+        each = 1e6 * least(one["cpu_s"]) / (one["n"] * one["days"])
+        costs.append([
+            f"{one['n']:,}", f"{one['days']:g}", *least_and_median(one["wall_s"]), *least_and_median(one["cpu_s"]),
+            f"{each:.2f}", f"{one['peak_mb']:.0f}", f"{100 * one['flying_or_arrived']:.0f}",
+        ])  # fmt: skip
+    if "million" in found:
+        one = found["million"]
+        each = 1e6 * one["cpu_s"] / (one["n"] * 15.0)
+        costs.append([f"{one['n']:,} (command)", "15", seconds(one["wall_s"]), "", seconds(one["cpu_s"]), "",
+                      f"{each:.2f}", f"{one['peak_mb']:.0f}", ""])  # fmt: skip
+    return [
+        table(
+            "Whole commands",
+            ["command", "first run: wall s", "CPU s", "warm: wall s, least", "wall s, median", "CPU s, least",
+             "CPU s, median", "peak MB"],
+            rows,
+            "Processes with their start and end; the first run has an empty cache folder.",
+        ),
+        table(
+            "Cost against members and days",
+            ["members", "days", "wall s, least", "wall s, median", "CPU s, least", "CPU s, median",
+             "CPU µs per member and day", "peak MB", "flying or arrived, %"],
+            costs,
+            "Flying and summarising, warm, without files; each row is a process. Beyond 15 days the bundled currents "
+            "start again, the mission sails to and fro, and the pack is enlarged. The largest is the whole command "
+            "`ensemble --format json,map`, once.",
+        ),
+    ]  # fmt: skip
 
 
 def main() -> None:
-    """Command line of the benchmark."""
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--quick", action="store_true", help="few members, one repeat")
-    parser.add_argument("--repeat", type=int, default=3)
-    parser.add_argument("--members", type=int, nargs="+", default=[100, 1000, 5000, 20_000, 100_000])
-    parser.add_argument("--days", type=float, nargs="+", default=[1.0, 5.0, 15.0])
-    parser.add_argument("--out", type=Path)
-    given = parser.parse_args()
-    result = {
-        "commands": commands(1 if given.quick else given.repeat),
-        "scaling": scaling([100] if given.quick else given.members, [1.0] if given.quick else given.days),
-        "machine": platform.processor() or platform.machine(),
-        "cpus": len(os.sched_getaffinity(0)),
-    }
-    import jax
-
-    result["jax"] = jax.__version__
-    print(table(result))
-    if given.out:
-        given.out.write_text(json.dumps(result, indent=1) + "\n")
+    """Command line of the benchmark; ``--row N DAYS REPEAT`` prints one row as JSON, for ``scaling``."""
+    if "--row" in sys.argv:
+        parser = argparse.ArgumentParser()
+        parser.add_argument("--row", nargs=3)
+        n, days, repeat = parser.parse_args().row
+        print(json.dumps(row(int(n), float(days), int(repeat))))
+        return
+    given = command_line(__doc__)
+    if given.quick:
+        found = {
+            "commands": commands(1, _QUICK, shrink=True),
+            "scaling": scaling([100, 200], [1.0, 16.0], 1),
+        }
+    else:
+        found = {
+            "commands": commands(5),
+            "scaling": scaling(MEMBERS, DAYS, 3),
+            "million": million(MILLION),
+        }
+    part("scaling", found, tables(found), given.out)
 
 
 if __name__ == "__main__":
