@@ -38,7 +38,8 @@ def _agrees(step, calm):
     run, track, given = calm
     found = differences(run, track, step.fly(given, 2))
     assert found["position_median"] < 10.0 and found["position_p99"] < 50.0
-    assert found["energy_p99"] < 1e-3 and found["outcomes"] == 1.0
+    # One stroke more or less by an output time is some per mille of a day's energy.
+    assert found["energy_median"] < 1e-3 and found["energy_p99"] < 1e-2 and found["outcomes"] == 1.0
     assert abs(found["spread"] - 1.0) < 1e-2 and found["mean_apart"] < 10.0
     # One thread, and members that do not fill the last block, change nothing.
     one = step.fly(given, 1)
@@ -144,7 +145,7 @@ def test_tables_are_markdown_with_numbers_to_the_right():
 def test_a_command_is_timed_with_its_memory_and_its_failure_says_why():
     spent = measuring.command([sys.executable, "-c", "x = bytearray(80_000_000); sum(range(3_000_000))"])
     assert spent["cpu_s"] > 0.02 and spent["wall_s"] >= 0.5 * spent["cpu_s"] and spent["peak_mb"] > 75.0
-    with pytest.raises(RuntimeError, match="ended with 1: .*ZeroDivisionError"):
+    with pytest.raises(RuntimeError, match=r"ended with 1: [\s\S]*ZeroDivisionError"):
         measuring.command([sys.executable, "-c", "1 / 0"])
 
 

@@ -18,7 +18,7 @@ MEMBER = (
 #: Numbers of the plan; their order is that of the struct Plan in mission.c.
 PLAN = (
     "radius", "dive_to", "climb_to", "altitude", "dive_tangent", "climb_tangent", "overshoot_time", "surface_stay",
-    "every", "overtime", "correction", "interval", "bundle", "minimum_yo", "minimum_depth", "error_time",
+    "every", "overtime", "correction", "interval", "slot", "minimum_yo", "minimum_depth", "error_time",
     "error_length", "fix_sd", "start_east", "start_north", "half_height", "stretch_east_0", "stretch_east_1",
     "stretch_east_2", "stretch_east_3", "stretch_east_4", "stretch_north_0", "stretch_north_1", "stretch_north_2",
     "stretch_north_3", "stretch_north_4", "breaks_every", "breaks_done", "breaks_waypoint",
@@ -89,7 +89,10 @@ def arrays_of(run, members) -> Arrays:
     frame = run.environment.frame
     named = {name: getattr(plan, name) for name in PLAN if hasattr(plan, name)}
     interrupts = np.asarray(plan.interrupts, np.float32)
+    # As the step divides an output interval.
+    slots = np.rint(np.float32(plan.interval) / np.float32(plan.bundle))
     named |= {
+        "slot": plan.interval / slots if slots > 0 else plan.bundle,
         "every": plan.rule_seconds[0],
         "fix_sd": run.spread * run.vehicle.value("perturbation.initial_position"),
         "start_east": run.origin[0],

@@ -138,7 +138,7 @@ def _fly_member(
     radius, dive_to, climb_to, altitude, dive_tan, climb_tan, lead, surface_stay, every, overtime = (
         plan[0], plan[1], plan[2], plan[3], plan[4], plan[5], plan[6], plan[7], plan[8], plan[9],
     )  # fmt: skip
-    correction, interval, bundle, minimum_yo, minimum_depth, error_time, error_length = (
+    correction, interval, slot, minimum_yo, minimum_depth, error_time, error_length = (
         plan[10], plan[11], plan[12], plan[13], plan[14], plan[15], plan[16],
     )  # fmt: skip
     cosine_turn, sine_turn, stay, factor, pump, pump_per_metre, retract, brake, hotel, surface = (
@@ -209,7 +209,8 @@ def _fly_member(
                 if last_leg and arrival < remaining:
                     comes_up, remaining, why = True, arrival, 3
                 fit = np.floor((remaining - first - cycle) / cycle)
-                yos = _clip(min(f(np.rint(bundle / cycle)), fit), ONE, f(64.0))
+                until = slot * (np.floor(time / slot + HALF) + ONE) - time
+                yos = _clip(min(f(np.rint(until / cycle)), fit), ONE, f(64.0))
                 te1, tn1 = he1 * cosine_turn + hn1 * sine_turn, hn1 * cosine_turn - he1 * sine_turn
                 ratio = per_down + HALF * (yos - ONE) * (per_down + per_climb)
                 tau = first + HALF * (yos - ONE) * cycle - lead

@@ -20,7 +20,7 @@ static inline int32_t within(int32_t i, int32_t last) { i = i < 0 ? 0 : i; retur
 /* Numbers of the plan, in the order of arrays.PLAN. */
 typedef struct {
     float radius, dive_to, climb_to, altitude, dive_tangent, climb_tangent, overshoot_time, surface_stay, every, overtime,
-        correction, interval, bundle, minimum_yo, minimum_depth, error_time, error_length, fix_sd, start_east, start_north,
+        correction, interval, slot, minimum_yo, minimum_depth, error_time, error_length, fix_sd, start_east, start_north,
         half_height, stretch_east[5], stretch_north[5], breaks_every, breaks_done, breaks_waypoint;
 } Plan;
 
@@ -195,7 +195,8 @@ static void step(Block *restrict s, const Plan *restrict p, const Grids *restric
         remaining = comes_up ? arrival : remaining;
         int32_t reason = comes_up ? 3 : s->reason[k];
         float fit = floorf((remaining - first - cycle) / cycle);
-        float yos = rintf(p->bundle / cycle);
+        /* As many yos as end nearest to the next slot of time. */
+        float until = p->slot * (floorf(time / p->slot + 0.5f) + 1.0f) - time, yos = rintf(until / cycle);
         yos = CLIP(MIN(yos, fit), 1.0f, 64.0f);
         float te1 = he1 * s->cosine[k] + hn1 * s->sine[k], tn1 = hn1 * s->cosine[k] - he1 * s->sine[k];
         float ratio = per_down + 0.5f * (yos - 1.0f) * (per_down + per_climb);
