@@ -85,6 +85,8 @@ def _which(content: dict[str, Any]) -> str:
 
 
 def _sureness(effect: dict[str, Any]) -> str:
+    if effect.get("doubted"):
+        return "doubtful: looks like it, but a curve without physics fits better"
     if effect["tentative"]:
         return "perhaps"
     if effect["alternatives"]:
@@ -189,7 +191,7 @@ def _regimes(content: dict[str, Any]) -> str:
 
 
 def _effect(effect: dict[str, Any]) -> str:
-    word = "Perhaps: " if effect["tentative"] else ""
+    word = "Doubtful: " if effect.get("doubted") else "Perhaps: " if effect["tentative"] else ""
     lines = [f"<h2>{word}{e(effect['title'])}</h2>"]
     if effect["located"]:
         lines.append(f"<p>Where it shows: {e(effect['located'])}</p>")

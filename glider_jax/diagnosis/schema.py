@@ -34,8 +34,11 @@ def document(found: Finding) -> dict[str, Any]:
     effects = [_effect(found, k) for k in np.argsort([-x for x in found.search.losses()])] if found.search.picks else []
     unexplained = [_remainder(one) for one in found.remainders]
     named = {one["place"]["stream"] for one in unexplained}
+    beaten = {id for one in unexplained for id in one["instead_of"]}
     for effect in effects:
-        effect["tentative"] = bool(named & set(effect["streams"])) or not effect["held_out"]["confirmed"]
+        effect["doubted"] = effect["id"] in beaten
+        shared = bool(named & set(effect["streams"]))
+        effect["tentative"] = shared or effect["doubted"] or not effect["held_out"]["confirmed"]
     verdict = "unexplained" if unexplained else "explained" if effects else "nothing_missing"
     warnings = _vehicle_warnings(found) + _quality(found)
     return {
@@ -263,6 +266,8 @@ def summary_of(verdict: str, effects: list, unexplained: list, warnings: list) -
                 else ""
             )
             hedge = "perhaps " if effect.get("tentative") else ""
+            if effect.get("doubted"):
+                hedge = "something that looks like "
             parts.append(f"{hedge}{spoken(effect['title'])}{value}{also}")
         first = (
             f"Left out of the base model: {'; '.join(parts)}." if parts else "No known effect explains the mismatch."

@@ -96,7 +96,9 @@ def remainders(
             told |= set(look.shape.parts)
     for one in named:
         without = [i for i in active if i not in one.columns]
-        better = max(whole.beside(without), key=lambda look: look.evidence, default=None)
+        # A steady value is no shape: what is named for it may as well be its name.
+        shaped = [look for look in whole.beside(without) if look.shape.covariate != "throughout"]
+        better = max(shaped, key=lambda look: look.evidence, default=None)
         if better is None or better.evidence < max(one.evidence + BETTER, _limits(better)[0]):
             continue
         if better.shape.stream not in kept:

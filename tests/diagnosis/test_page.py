@@ -72,3 +72,27 @@ def test_names_from_files_cannot_become_markup():
     """The recording's name is text."""
     text = page(content(effect()), {})
     assert "<script>" not in text and "&lt;script&gt;" in text
+
+
+def without_name(covariate="dive", gain: float | None = 34.0, instead=()):
+    """Structure without a name."""
+    return {
+        "place": {"covariate": covariate, "stream": "vertical speed"}, "sentence": "It sinks.", "rms": 0.5,
+        "unit": "cm/s", "held_out_gain": gain, "instead_of": list(instead),
+    }  # fmt: skip
+
+
+def test_what_has_no_name_says_what_it_means():
+    """Gains are told where they were asked for; a pitch that stands still is a matter of the sensor, not of nats."""
+    assert "better by 34 nats" in page(content(verdict="unexplained", unexplained=[without_name()]), {})
+    for covariate, words in (("stuck", "Look at the sensor first"), ("stroke", "set aside")):
+        text = page(content(verdict="unexplained", unexplained=[without_name(covariate, None)]), {})
+        assert words in text
+        assert "nats" not in text[text.index("Without a name") : text.index("before and after</h2>")]
+
+
+def test_a_doubted_name_is_not_to_be_acted_on():
+    """The tag, the heading and the paragraph on what has no name all say so."""
+    one = without_name(instead=["flight.pitch_gain"])
+    text = page(content(effect(doubted=True, tentative=True), verdict="unexplained", unexplained=[one]), {})
+    assert "doubtful" in text and "Doubtful: Pitch scale" in text and "do not act on it" in text
