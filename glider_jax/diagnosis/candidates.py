@@ -7,7 +7,7 @@ elsewhere costs.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -35,15 +35,28 @@ FLOW_PARTS = (*UNKNOWN_FLOW, "navigation.tide_s2", "navigation.current_shear", "
 #: Shapes at which columns are looked at, in standard deviations of the logarithm.
 SPREAD = (-1.2, 1.2)
 ONSETS = 12
+#: Number of the first variant that is looked at away from zero.
+FAR = 400
+#: How large an effect may be is known to an order of magnitude: prior sds of its amplitudes, all equally likely.
+WIDTHS = (1.0, 0.25, 0.0625)
 
 
 @dataclass(frozen=True)
 class Variant:
-    """One setting of a term's shape parameters: its columns, log prior weight, and the shapes."""
+    """One setting of a term's shape parameters: its columns, log prior weight, and the shapes.
+
+    ``width`` is the prior sd of its amplitudes in units of their scales. A variant looked at away from zero takes
+    column ``shift`` off the residual, begins a fit at ``start`` (values by unknown), and counts where its amplitude in
+    prior units comes out in ``cell``.
+    """
 
     columns: tuple[int, ...]
     log_weight: float
     shapes: dict[str, float] = field(default_factory=dict)
+    width: float = 1.0
+    shift: int = -1
+    start: dict[int, float] = field(default_factory=dict)
+    cell: tuple[float, float] = (-np.inf, np.inf)
 
 
 @dataclass(frozen=True)
@@ -63,6 +76,7 @@ class Looks:
         self.replay = problem.replay
         self.duration = float(problem.gathered.rows.time[-1] - problem.gathered.rows.time[0])
         self.grids: list[tuple[float, dict[str, float], dict[str, Array]]] = []
+        self.far: list[tuple[int, float, dict[str, Array]]] = []
         self.periods = self._periods()
         self.onsets = self.duration * (np.arange(ONSETS) + 0.5) / ONSETS
         self.shaped = self._shaped()
@@ -91,6 +105,25 @@ class Looks:
             }
             _, columns = self.replay.slopes(self.problem.values, {**shapes, **self.problem.shapes}, self._bent())
             self.grids.append((z, shapes, columns))
+        self._look_far()
+
+    def _look_far(self) -> None:
+        """Effects far from linear at values beside zero: their slope there, and what they do beyond that slope."""
+        self.far = []
+        base, _ = self.replay.slopes(self.problem.values, self.problem.shapes, [0])
+        for i, unknown in enumerate(self.replay.unknowns):
+            if unknown.kind != "candidate":
+                continue
+            for value in declared(TERMS_BY_ID[unknown.term])[unknown.name.rsplit(".", 1)[1]].looks:
+                values = self.problem.values.copy()
+                values[i] = value
+                there, slope = self.replay.slopes(values, self.problem.shapes, [i])
+                z = (value - unknown.centre) / unknown.scale
+                both = {
+                    name: np.stack([column[:, 0], there[name] - base[name] - z * column[:, 0]], axis=1)
+                    for name, column in slope.items()
+                }
+                self.far.append((i, value, both))
 
     def _bent(self) -> list[int]:
         """Unknowns whose terms have shapes on a grid."""
@@ -107,6 +140,10 @@ class Looks:
             bent = [(i, self.replay.unknowns[i]) for i in self._bent()]
             labels = [Column(i, unknown.name, unknown.term, number) for i, unknown in bent]
             found.append((labels, {name: np.nan_to_num(c) for name, c in columns.items()}))
+        for number, (i, _, both) in enumerate(self.far):
+            unknown = self.replay.unknowns[i]
+            labels = [Column(i, unknown.name, unknown.term, FAR + number), Column(-1, unknown.name, "shift", number)]
+            found.append((labels, {name: np.nan_to_num(c) for name, c in both.items()}))
         found += self._heaving(places)
         found += self._steps(own, places)
         return found
@@ -152,6 +189,7 @@ class Looks:
             unknown = self.replay.unknowns[column.unknown] if column.unknown >= 0 else None
             if unknown is not None and unknown.kind == "candidate":
                 by.setdefault(column.term, {}).setdefault(column.variant, []).append(index)
+        self.shifts = {c.variant: i for i, c in enumerate(labels) if c.term == "shift"}
         flow = not self.problem.gathered.product
         found = []
         for id, variants in by.items():
@@ -160,11 +198,11 @@ class Looks:
             odds = 0.0 if id in USUAL else -RARE
             alternatives = self._variants(id, variants)
             if alternatives:
-                found.append(Candidate(id, alternatives, odds))
+                found.append(Candidate(id, widened(alternatives), odds))
         if flow:
             together = tuple(i for id in UNKNOWN_FLOW if id in by for i in by[id][0])
             if together:
-                found.append(Candidate("navigation.mean_current", (Variant(together, 0.0),), 0.0))
+                found.append(Candidate("navigation.mean_current", widened((Variant(together, 0.0),)), 0.0))
         return found
 
     def _variants(self, id: str, variants: dict[int, list[int]]) -> tuple[Variant, ...]:
@@ -179,6 +217,8 @@ class Looks:
                 for k in range(self.periods.size)
                 if 100 + k in variants
             )
+        if any(v >= FAR for v in variants):
+            return self._from_afar(id, variants)
         steps = [v for v in variants if v >= 300]
         if steps:
             return tuple(
@@ -195,3 +235,28 @@ class Looks:
             }  # fmt: skip
             found.append(Variant(tuple(columns), float(np.log(weights[number])), shapes))
         return tuple(found)
+
+    def _from_afar(self, id: str, variants: dict[int, list[int]]) -> tuple[Variant, ...]:
+        """A term at zero and at other values of its amplitude, each for what comes out nearest to it."""
+        far = [v for v in variants if v >= FAR]
+        i = self.far[far[0] - FAR][0]
+        unknown = self.replay.unknowns[i]
+        at = sorted([(unknown.centre, 0), *((self.far[v - FAR][1], v) for v in far)])
+        z = [(value - unknown.centre) / unknown.scale for value, _ in at]
+        edges = [-np.inf, *(0.5 * (a + b) for a, b in zip(z[:-1], z[1:], strict=True)), np.inf]
+        found = []
+        for n, (value, v) in enumerate(at):
+            shift, start = (self.shifts[v - FAR], {i: value}) if v >= FAR else (-1, {})
+            cell = (edges[n], edges[n + 1])
+            found.append(Variant(tuple(variants[v]), 0.0, shift=shift, start=start, cell=cell))
+        return tuple(found)
+
+
+def widened(variants: tuple[Variant, ...]) -> tuple[Variant, ...]:
+    """Variants with each width of their prior."""
+    weight = -float(np.log(len(WIDTHS)))
+    return tuple(
+        replace(one, log_weight=one.log_weight + weight, width=one.width * width)
+        for one in variants
+        for width in WIDTHS
+    )

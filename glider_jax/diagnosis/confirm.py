@@ -66,7 +66,7 @@ def folds_of(linear: Linear, how: str = "blocks", seed: int = 5) -> list[tuple[A
 def fitted(linear: Linear, active: list[int], rows: Array) -> Array:
     """Posterior mean from some rows only."""
     j = linear.columns[rows][:, active]
-    return np.linalg.solve(j.T @ j + np.eye(len(active)), j.T @ linear.residual[rows])
+    return np.linalg.solve(j.T @ j + np.diag(linear.precision[active]), j.T @ linear.residual[rows])
 
 
 def confirm(

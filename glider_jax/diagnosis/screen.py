@@ -113,7 +113,9 @@ class Search:
         kinds = [
             self.problem.replay.unknowns[c.unknown].kind if c.unknown >= 0 else "fixed" for c in self.linear.labels
         ]
-        self.fixed = [i for i, kind in enumerate(kinds) if kind != "candidate"]
+        self.fixed = [
+            i for i, kind in enumerate(kinds) if kind != "candidate" and self.linear.labels[i].term != "shift"
+        ]
         self._rebind()
         self.base = self.linear.score(self.fixed)
 
@@ -131,7 +133,9 @@ class Search:
             columns = tuple(
                 i for i, c in enumerate(self.linear.labels) if c.variant == 0 and c.unknown in own
             )  # fmt: skip
-            fresh.append(replace(pick, candidate=candidate, variant=Variant(columns, 0.0, pick.variant.shapes)))
+            variant = Variant(columns, 0.0, pick.variant.shapes, pick.variant.width)
+            fresh.append(replace(pick, candidate=candidate, variant=variant))
+            self.linear.precision[list(columns)] = variant.width**-2.0
         self.picks = fresh
 
     @property
@@ -151,9 +155,20 @@ class Search:
             if np.abs(self.linear.gram[list(variant.columns), list(variant.columns)]).max() < 1e-6:
                 scores.append(-1e-9 + variant.log_weight)
                 continue
-            scores.append(self.linear.score(active + list(variant.columns)) - base + variant.log_weight)
+            scores.append(self._score(variant, active) - base + variant.log_weight)
         best = int(np.argmax(scores))
         return float(np.logaddexp.reduce(scores)) + candidate.log_odds, candidate.variants[best]
+
+    def _score(self, variant: Variant, active: list[int]) -> float:
+        """Evidence of some active columns with a variant; none where its amplitude comes out elsewhere than looked."""
+        score, mean, _ = self._judged(variant, active)
+        low, high = variant.cell
+        return score if low <= mean[-1] <= high else -np.inf
+
+    def _judged(self, variant: Variant, active: list[int]) -> tuple[float, Array, float]:
+        columns = list(variant.columns)
+        known = np.append(self.linear.precision[active], np.full(len(columns), variant.width**-2.0))
+        return self.linear.judged(active + columns, known, variant.shift)
 
     def _without(self, k: int) -> list[int]:
         return self.fixed + [i for n, pick in enumerate(self.picks) if n != k for i in pick.variant.columns]
@@ -181,7 +196,9 @@ class Search:
 
     def _rest(self, picks: list[Pick]) -> float:
         """Evidence of some effects at their converged fit, under the noise as it is."""
-        key = tuple(sorted((p.candidate.id, tuple(sorted(p.variant.shapes.items()))) for p in picks))
+        key = tuple(
+            sorted((p.candidate.id, p.variant.width, tuple(sorted(p.variant.shapes.items()))) for p in picks)
+        )
         if key not in self.known:
             self.known[key], _ = self._converged(picks)
         return self.known[key]
@@ -192,7 +209,13 @@ class Search:
         own = sorted({labels[i].unknown for i in chosen if labels[i].unknown >= 0})
         shapes = {k: v for pick in picks for k, v in pick.variant.shapes.items()}
         beside = inadequacy(self.problem.gathered) if "vertical speed" in self.problem.names else {}
-        return converged(self.problem, own, beside, self.problem.values, shapes)
+        start, widths = self.problem.values.copy(), np.ones(len(own))
+        for pick in picks:
+            for unknown, value in pick.variant.start.items():
+                start[unknown] = value
+            mine = {labels[i].unknown for i in pick.variant.columns}
+            widths[[n for n, unknown in enumerate(own) if unknown in mine]] = pick.variant.width
+        return converged(self.problem, own, beside, start, shapes, widths)
 
     def alternatives(self, k: int) -> list[tuple[str, float]]:
         """Effects that would explain as well in place of an accepted one: id and nats behind it (negative: ahead)."""
@@ -226,7 +249,7 @@ class Search:
         """Whether an accepted effect is still better than the noise that its absence would ask for."""
         pick = self.picks[k]
         picks, self.picks = self.picks, [p for p in self.picks if p is not pick]
-        stands = self._stands(pick.candidate, replace(pick.variant, log_weight=pick.looked), DROP)
+        stands = self._stands(pick, DROP)
         self.picks = picks
         return stands
 
@@ -249,9 +272,9 @@ class Search:
         active = self.active
         base = self.linear.score(active)
         gains = [(self._gain(c, active, base), c) for c in self.candidates if c.id not in taken]
-        for (gain, variant), candidate in sorted(gains, key=lambda pair: -pair[0][0])[:3]:
+        for (gain, _), candidate in sorted(gains, key=lambda pair: -pair[0][0])[:3]:
             dropped = any(line.startswith(f"dropped {candidate.id} ") for line in self.path)
-            if gain > ACCEPT and not dropped and (gain > CLEAR or self._stands(candidate, variant)):
+            if gain > ACCEPT and not dropped and (gain > CLEAR or self._stands(self.pick(candidate, active, base))):
                 break
         else:
             return False
@@ -262,19 +285,22 @@ class Search:
     def pick(self, candidate: Candidate, active: list[int], base: float) -> Pick:
         """A candidate with its best variant, as it looks beside some active columns."""
         gain, variant = self._gain(candidate, active, base)
-        alone = self.linear.score(active + list(variant.columns)) - base + candidate.log_odds
+        alone = self._score(variant, active) - base + candidate.log_odds
         return Pick(candidate, variant, gain, min(gain - alone, 0.0))
 
-    def _stands(self, candidate: Candidate, variant: Variant, least: float = ACCEPT) -> bool:
-        """Whether a weak candidate is also better than the noise law that its absence asks for.
+    def _stands(self, pick: Pick, least: float = ACCEPT) -> bool:
+        """Whether a weak pick is also better than the noise law that its absence asks for.
 
         The noise was sized with the whole library integrated out; without the candidate it may be larger, and explain
         the same.
         """
         if self.independent:
             return True
-        total = candidate.log_odds + variant.log_weight
+        candidate, variant = pick.candidate, pick.variant
+        share = self._judged(variant, self.active)[2] - self.linear.judged(self.active)[2]
+        total = candidate.log_odds + pick.looked + share
         columns = list(variant.columns)
+        width = np.append(self.linear.precision[self.active] ** -0.5, np.full(len(columns), variant.width))
         for noise, rows in zip(self.problem.noises, rows_of(self.problem), strict=True):
             mine = self.linear.raw_columns[rows]
             if np.abs(self.linear.columns[rows][:, columns]).max() < 1e-6:
@@ -283,7 +309,10 @@ class Search:
             reached = []
             for active in (self.active, self.active + columns):
                 noise.sizes = kept.copy()
-                reached.append(fit_noise(noise, self.linear.raw[rows], mine[:, active]))
+                left = self.linear.raw[rows]
+                if variant.shift >= 0 and len(active) > len(self.active):
+                    left = left - mine[:, variant.shift]
+                reached.append(fit_noise(noise, left, mine[:, active] * width[: len(active)]))
             noise.sizes = kept
             total += reached[1] - reached[0]
         if total <= least:

@@ -24,6 +24,9 @@ SETTLE, AFTER_TURN, SMOOTHING = 30.0, 60.0, 80.0
 #: m and rad; shallower or flatter samples are not steady glides.
 SHALLOWEST, FLATTEST = 4.0, 0.17
 MOST_ROWS = 45_000
+#: Least range of temperature, or of depth, that a dive and its climb share for a lag of the thermometer to be sought in
+#: it, and standard errors by which pairs of them must agree better with the lag.
+LEAST_KELVIN, LEAST_METRES, SURE = 0.5, 4.0, 4.0
 
 
 @dataclass(frozen=True)
@@ -250,6 +253,8 @@ def thermometer_lag(
     """Seconds by which the thermometer lags the conductivity cell: those that make dives and climbs agree in salinity.
 
     A second of lag in a sharp thermocline is 0.2 of salinity, 10 g of buoyancy of opposite sign on dives and climbs.
+    They are compared in water of the same temperature, since layers heave between a dive and its climb; only where the
+    temperature hardly changes are they compared at the same depth.
     """
     pairs = []
     for one, two in zip(ways[:-1], ways[1:], strict=True):
@@ -259,37 +264,46 @@ def thermometer_lag(
             if down.size >= 6 and up.size >= 6:
                 pairs.append((down, up))
     pairs = pairs[:: max(1, len(pairs) // 60)]
+    at_depth = np.interp(moments, time, np.maximum(depth, 0.0))
+    warm = [pair for pair in pairs if _shared(celsius, *pair) > LEAST_KELVIN]
+    deep = [pair for pair in pairs if _shared(at_depth, *pair) > LEAST_METRES]
+    pairs = warm if len(warm) >= 4 else deep
     if len(pairs) < 4:
         return 0.0
-    at_depth = np.interp(moments, time, np.maximum(depth, 0.0))
     pressure = seawater.pressure_dbar_from_depth(at_depth, latitude)
     used = np.unique(np.concatenate([part for pair in pairs for part in pair]))
 
-    def disagreement(lag: float) -> float:
-        warm = np.interp(moments[used] + lag, moments, celsius)
-        salinity = np.asarray(seawater.practical_salinity(cell[used], warm, pressure[used]))
-        total, count = 0.0, 0
+    def disagreement(lag: float) -> Array:
+        shifted = np.interp(moments[used] + lag, moments, celsius)
+        salinity = np.asarray(seawater.practical_salinity(cell[used], shifted, pressure[used]))
+        along = shifted if pairs is warm else at_depth[used]
+        found = []
         for down, up in pairs:
             i, j = np.searchsorted(used, down), np.searchsorted(used, up)
-            low, high = max(at_depth[down].min(), at_depth[up].min()), min(at_depth[down].max(), at_depth[up].max())
-            if high - low < 4.0:
-                continue
-            levels = np.linspace(low + 0.5, high - 0.5, 24)
-            p, q = np.argsort(at_depth[down]), np.argsort(at_depth[up])
-            miss = np.interp(levels, at_depth[down][p], salinity[i][p]) - np.interp(
-                levels, at_depth[up][q], salinity[j][q]
-            )
-            total, count = total + float(np.mean(miss**2)), count + 1
-        return total / max(count, 1)
+            low, high = max(along[i].min(), along[j].min()), min(along[i].max(), along[j].max())
+            levels = np.linspace(low, high, 26)[1:-1]
+            p, q = i[np.argsort(along[i])], j[np.argsort(along[j])]
+            miss = np.interp(levels, along[p], salinity[p]) - np.interp(levels, along[q], salinity[q])
+            found.append(float(np.mean(miss**2)))
+        return np.array(found)
 
     trials = np.arange(-1.0, 4.01, 0.25)
-    found = np.array([disagreement(float(lag)) for lag in trials])
+    each = np.array([disagreement(float(lag)) for lag in trials])
+    found = each.mean(axis=1)
     best = int(np.argmin(found))
-    # Where the water is not layered nothing tells the lag, and nothing depends on it.
-    if not np.isfinite(found).all() or found[best] > 0.7 * found[4] or best in (0, trials.size - 1):
+    if not np.isfinite(found).all() or best in (0, trials.size - 1):
+        return 0.0
+    # Where the water is not layered nothing tells the lag, and nothing depends on it: all pairs have to ask for it.
+    better = each[4] - each[best]
+    if better.mean() < SURE * better.std(ddof=1) / np.sqrt(better.size) or found[best] > 0.9 * found[4]:
         return 0.0
     a, b, c = found[best - 1 : best + 2]
     return float(trials[best] + 0.125 * (a - c) / max(a - 2.0 * b + c, 1e-30))
+
+
+def _shared(along: Array, down: Array, up: Array) -> float:
+    """Range of a series that a dive and its climb have in common."""
+    return float(min(along[down].max(), along[up].max()) - max(along[down].min(), along[up].min()))
 
 
 def _lagged(time: Array, values: Array, tau: float) -> Array:

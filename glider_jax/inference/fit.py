@@ -7,12 +7,14 @@ and the linear problem is made anew at the fitted values (Gauss-Newton) before a
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.linalg import solve_triangular
+from scipy.special import log_ndtr
 
-from glider_jax.inference.noise import CourseNoise, Noise, SeriesNoise, fit_noise
+from glider_jax.inference.noise import CourseNoise, LoadNoise, Noise, SeriesNoise, fit_noise
 from glider_jax.inference.replay import Replay
 from glider_jax.inference.streams import Gathered
 from glider_jax.records import Array
@@ -21,6 +23,8 @@ from glider_jax.records import Array
 #: the temperature changes as fast as it does on average. Published vertical water velocities claim 4 to 5 mm/s.
 INADEQUACY, IN_LAYERS = 3e-4, 5e-4
 NODES = 4
+#: Windows of quiet power up to which dives and climbs are whitened together.
+MOST_LOADS = 1200
 #: s; periods of the heaving water that are integrated out of the noise beside the library.
 TIDES = (89428.0, 44714.0, 21600.0, 14400.0)
 
@@ -41,7 +45,8 @@ class Linear:
 
     ``residual`` (n,) is what the unknowns at their centres leave; ``columns`` (n, k); ``gram`` and ``pull`` their
     products. ``block`` (n,) the dive of each row, ``stream`` (n,) its stream's index, ``raw`` and
-    ``raw_columns`` are residual and columns before whitening.
+    ``raw_columns`` are residual and columns before whitening. ``precision`` (k,) is that of each coefficient before the
+    data, 1 unless a search states it narrower; ``lower`` and ``upper`` (k,) what physics allows, in prior units.
     """
 
     residual: Array
@@ -51,23 +56,76 @@ class Linear:
     stream: Array
     raw: Array
     raw_columns: Array
+    lower: Array | None = None
+    upper: Array | None = None
     gram: Array = field(init=False)
     pull: Array = field(init=False)
+    precision: Array = field(init=False)
 
     def __post_init__(self) -> None:
         self.gram = self.columns.T @ self.columns
         self.pull = self.columns.T @ self.residual
+        count = self.columns.shape[1]
+        self.precision = np.ones(count)
+        self.lower = np.full(count, -np.inf) if self.lower is None else self.lower
+        self.upper = np.full(count, np.inf) if self.upper is None else self.upper
 
-    def score(self, active: list[int]) -> float:
-        """Logarithm of the evidence of a set of columns, up to what all sets share."""
-        lower = np.linalg.cholesky(self.gram[np.ix_(active, active)] + np.eye(len(active)))
-        y = np.linalg.solve(lower, self.pull[active])
-        return float(0.5 * y @ y - np.log(np.diag(lower)).sum())
+    def score(self, active: list[int], precision: Array | None = None, shift: int = -1) -> float:
+        """Logarithm of the evidence of a set of columns, up to what all sets share; see :meth:`judged`."""
+        return self.judged(active, precision, shift)[0]
+
+    def judged(
+        self, active: list[int], precision: Array | None = None, shift: int = -1
+    ) -> tuple[float, Array, float]:
+        """Evidence of a set of columns within what physics allows, the posterior mean without that limit, and the
+        part of the evidence that the limit makes.
+
+        Parameters
+        ----------
+        precision : of each coefficient before the data, where it is not the problem's own.
+        shift : a column that is taken off the residual as it is: an effect looked at away from where it is zero.
+        """
+        known = self.precision[active] if precision is None else precision
+        pull, constant = self.pull[active], 0.0
+        if shift >= 0:
+            pull = pull - self.gram[active, shift]
+            constant = float(self.pull[shift] - 0.5 * self.gram[shift, shift])
+        factor = np.linalg.cholesky(self.gram[np.ix_(active, active)] + np.diag(known))
+        y = solve_triangular(factor, pull, lower=True, check_finite=False)
+        mean = solve_triangular(factor, y, lower=True, trans=1, check_finite=False)
+        score = constant + 0.5 * y @ y - np.log(np.diag(factor)).sum() + 0.5 * np.log(known).sum()
+        share = allowed(factor, mean, known, self.lower[active], self.upper[active])
+        return float(score + share), mean, share
 
     def solve(self, active: list[int]) -> tuple[Array, Array]:
         """Posterior mean and covariance of a set of columns, prior units."""
-        covariance = np.linalg.inv(self.gram[np.ix_(active, active)] + np.eye(len(active)))
+        covariance = np.linalg.inv(self.gram[np.ix_(active, active)] + np.diag(self.precision[active]))
         return covariance @ self.pull[active], covariance
+
+
+def allowed(factor: Array, mean: Array, precision: Array, lower: Array, upper: Array) -> float:
+    """What a limit by physics adds to the evidence: share of the posterior inside over that of the prior, logarithm.
+
+    Each coefficient is taken by itself; ``factor`` is the Cholesky factor of the posterior's precision.
+    """
+    bound = np.flatnonzero(np.isfinite(lower) | np.isfinite(upper))
+    if bound.size == 0:
+        return 0.0
+    unit = np.zeros((mean.size, bound.size))
+    unit[bound, np.arange(bound.size)] = 1.0
+    sd = np.sqrt((solve_triangular(factor, unit, lower=True, check_finite=False) ** 2).sum(axis=0))
+    before = 1.0 / np.sqrt(precision[bound])
+    low, high = lower[bound], upper[bound]
+    return float((_between(low, high, mean[bound], sd) - _between(low, high, 0.0, before)).sum())
+
+
+def _between(low: Array, high: Array, mean: Array | float, sd: Array) -> Array:
+    """Logarithm of the share of a normal law between two limits."""
+    a, b = (low - mean) / sd, (high - mean) / sd
+    flip = a > 0.0
+    a, b = np.where(flip, -b, a), np.where(flip, -a, b)
+    above, below = log_ndtr(b), log_ndtr(a)
+    return above + np.log1p(-np.exp(np.minimum(below - above, -1e-12)))
 
 
 @dataclass
@@ -110,6 +168,9 @@ def make_problem(gathered: Gathered, replay: Replay) -> Problem:
     moved, drift = pair("displacement"), pair("surface drift")
     if moved is not None or drift is not None:
         noises.append(CourseNoise(moved, drift, gathered.product))
+    loads = tuple(streams[n] for n in ("hotel power, dives", "hotel power, climbs") if n in streams)
+    if len(loads) == 2 and sum(s.n for s in loads) <= MOST_LOADS:
+        noises.append(LoadNoise(*loads))
     taken = {name for noise in noises for name in noise.names}
     noises += [SeriesNoise(s) for s in gathered.streams if s.name not in taken]
     values = np.array([u.centre for u in replay.unknowns])
@@ -216,7 +277,22 @@ def linearise(
         clean[rows], white[rows] = out[:, 0], out[:, 1:]
     block = np.concatenate([streams[n].block for n in problem.names])
     which = np.concatenate([np.full(streams[n].n, i) for i, n in enumerate(problem.names)])
-    return Linear(clean, white, tuple(labels), block, which, residual, everything)
+    lower, upper = limits(problem, labels)
+    return Linear(clean, white, tuple(labels), block, which, residual, everything, lower, upper)
+
+
+def limits(problem: Problem, labels: Sequence[Column]) -> tuple[Array, Array]:
+    """What physics allows of each column's coefficient, in prior units."""
+    unknowns = problem.replay.unknowns
+    pairs = [
+        (-np.inf, np.inf)
+        if c.unknown < 0 or unknowns[c.unknown].kind != "candidate"
+        else tuple((v - unknowns[c.unknown].centre) / unknowns[c.unknown].scale
+                   for v in (unknowns[c.unknown].lower, unknowns[c.unknown].upper))
+        for c in labels
+    ]  # fmt: skip
+    lower, upper = np.array(pairs, float).reshape(-1, 2).T
+    return lower, upper
 
 
 def converged(
@@ -225,6 +301,7 @@ def converged(
     beside: dict[str, Array],
     start: Array,
     shapes: dict[str, float],
+    widths: Array | None = None,
     rounds: int = 8,
 ) -> tuple[float, Array]:
     """Evidence of a set of unknowns where their fit comes to rest, under the noise as it is, and the values there.
@@ -237,10 +314,20 @@ def converged(
     beside : further columns per stream, always free.
     start : (unknowns,) values to begin at.
     shapes : shape parameters that differ from their centres.
+    widths : (own,) prior sd of each free unknown in units of its scale, 1 where not given.
     """
     centres, scales = problem.centres(), problem.scales()
     streams = {s.name: s for s in problem.gathered.streams}
     more = stack(problem, beside, next(iter(beside.values())).shape[1]) if beside else None
+    width = np.ones(len(own)) if widths is None else widths
+    count = len(own) + (0 if more is None else more.shape[1])
+    precision = np.ones(count)
+    precision[: len(own)] = width**-2.0
+    lower, upper = np.full(count, -np.inf), np.full(count, np.inf)
+    for n, k in enumerate(own):
+        one = problem.replay.unknowns[k]
+        if one.kind == "candidate":
+            lower[n], upper[n] = (one.lower - one.centre) / one.scale, (one.upper - one.centre) / one.scale
     values = centres.copy()
     values[own] = start[own]
     best, lowest, rested = -np.inf, np.inf, values.copy()
@@ -259,19 +346,21 @@ def converged(
         if more is not None:
             side = j[:, len(own) :]
             left = left - side @ np.linalg.solve(side.T @ side + np.eye(side.shape[1]), side.T @ left)
-        cost = 0.5 * float(left @ left + here @ here)
+        cost = 0.5 * float(left @ left + here @ (here * precision[: len(own)]))
         if cost > lowest + 0.5:
             # The step went too far: what it leads to is no better than where it came from.
             values = 0.5 * (values + rested)
             continue
         settled = lowest - cost < 0.5
         lowest, rested = cost, values.copy()
-        lower = np.linalg.cholesky(j.T @ j + np.eye(j.shape[1]))
-        y = np.linalg.solve(lower, j.T @ r)
-        best = float(0.5 * (y @ y - r @ r) - np.log(np.diag(lower)).sum())
+        factor = np.linalg.cholesky(j.T @ j + np.diag(precision))
+        y = solve_triangular(factor, j.T @ r, lower=True, check_finite=False)
+        whole = solve_triangular(factor, y, lower=True, trans=1, check_finite=False)
+        best = float(0.5 * (y @ y - r @ r) - np.log(np.diag(factor)).sum() + 0.5 * np.log(precision).sum())
+        best += allowed(factor, whole, precision, lower, upper)
         if settled:
             break
-        z = np.linalg.solve(lower.T, y)[: len(own)]
+        z = whole[: len(own)]
         values = centres.copy()
         for k, step in zip(own, z, strict=True):
             one = problem.replay.unknowns[k]
@@ -283,6 +372,8 @@ def _independent(noise: Noise) -> None:
     """Put all scatter into the white part."""
     if isinstance(noise, SeriesNoise):
         noise.sizes = np.log([np.exp(noise.sizes[0]), 1e-9, 1e-9, 3600.0])
+    elif isinstance(noise, LoadNoise):
+        noise.sizes = np.log([*np.exp(noise.sizes[:2]), 1e-9, 1e-9, 3600.0, 1e-9])
     else:
         noise.sizes = np.log([1e-9, 3600.0, 1e-9, np.exp(noise.sizes[3]), np.exp(noise.sizes[4]), 3600.0])
 
@@ -294,7 +385,7 @@ def robust_covariance(linear: Linear, active: list[int], mean: Array, covariance
     blocks = np.unique(linear.block)
     summed = np.stack([scores[linear.block == b].sum(axis=0) for b in blocks])
     n = max(blocks.size - 1, 1)
-    middle = summed.T @ summed * (blocks.size / n) + np.eye(len(active))
+    middle = summed.T @ summed * (blocks.size / n) + np.diag(linear.precision[active])
     sandwich = covariance @ middle @ covariance
     scale = np.sqrt(np.maximum(np.diag(sandwich) / np.diag(covariance), 1.0))
     return covariance * np.outer(scale, scale)

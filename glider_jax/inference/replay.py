@@ -124,6 +124,7 @@ def build_replay(gathered: Gathered, vehicle: Vehicle, prior_width: float = 2.0)
     candidates = [kind for kind in LIBRARY if kind.info.id not in base.ids]
     model = with_candidates(base, candidates, gate=1.0)
     zeros, unknowns = {}, []
+    quantities = set(parameter_infos(base))
     for kind in candidates:
         for name, info in declared(kind).items():
             public = f"{kind.info.id}.{name}"
@@ -132,7 +133,9 @@ def build_replay(gathered: Gathered, vehicle: Vehicle, prior_width: float = 2.0)
             if info.role != "amplitude":
                 continue
             zeros[public] = 0.0
-            lower, upper = getattr(info.prior, "lower", -np.inf), getattr(info.prior, "upper", np.inf)
+            # What a term adds to a number that the vehicle file names may take it down to zero.
+            given = _value(base, kind.info.id) if kind.info.id in quantities and info.support[0] == 0.0 else 0.0
+            lower, upper = info.bounds[0] - given, info.bounds[1]
             unknowns.append(
                 Unknown(
                     public,
@@ -265,7 +268,8 @@ def _glide(model: FlightModel, sample: Sample) -> Glide:
             parasite=model.total(Channel.DRAG_COEFFICIENT, row) * drag,
             induced=model.total(Channel.INDUCED_DRAG, row) * drag,
             lift=model.total(Channel.LIFT_SLOPE, row) * jnp.exp(model.total(Channel.LOG_LIFT, row)),
-            stall_angle=model.body.stall_angle,
+            # A recorded glide did not stall, and a fit on its way to weak lift needs a slope.
+            stall_angle=jnp.inf,
             thrust=model.total(Channel.THRUST, row) if model.has(Channel.THRUST) else None,
             water_up=model.total(Channel.VERTICAL_WATER_VELOCITY, row),
             speed_factor=jnp.exp(model.total(Channel.LOG_SPEED, row)),

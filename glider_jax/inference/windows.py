@@ -17,6 +17,8 @@ from glider_jax.records import Array, Recording
 
 #: s; longer rows are holes and end a window.
 LONGEST_ROW = 30.0
+#: A row that lasts this many times longer than usual follows one that was lost.
+LOST_ROW = 1.6
 #: Blocks per segment and phase into which quiet power is averaged.
 BLOCKS = 3
 
@@ -100,7 +102,10 @@ def total(power: Power, rows: Array) -> Window | None:
 
 
 class Stroke(NamedTuple):
-    """One pump stroke: window, whether out (dive to climb), depth m, volume moved m3, leg that follows, K."""
+    """One pump stroke: window, whether out (dive to climb), depth m, volume moved m3, leg that follows, K.
+
+    ``whole`` is False where rows are missing in the window: a mean current is then taken for too long.
+    """
 
     window: Window
     out: bool
@@ -108,6 +113,7 @@ class Stroke(NamedTuple):
     volume: float
     leg: int
     temperature: float
+    whole: bool = True
 
 
 def strokes(power: Power, rows: Rows, ways: list[Leg], recording: Recording) -> list[Stroke]:
@@ -118,6 +124,7 @@ def strokes(power: Power, rows: Rows, ways: list[Leg], recording: Recording) -> 
     first, last = edges[::2], edges[1::2] - 1
     begin, end = power.time[first], power.time[last]
     moments, volume = finite(recording, "pumped_volume")
+    usual = float(np.nanmedian(power.step))
     found = []
     for number in range(1, len(ways)):
         one, two = ways[number - 1], ways[number]
@@ -127,7 +134,8 @@ def strokes(power: Power, rows: Rows, ways: list[Leg], recording: Recording) -> 
         near = np.flatnonzero((end > two.start_time - 90.0) & (begin < two.start_time + 60.0))
         if near.size != 1:
             continue
-        window = total(power, np.arange(first[near[0]], last[near[0]] + 1))
+        mine = np.arange(first[near[0]], last[near[0]] + 1)
+        window = total(power, mine)
         if window is None:
             continue
         moved = 460e-6
@@ -138,12 +146,14 @@ def strokes(power: Power, rows: Rows, ways: list[Leg], recording: Recording) -> 
                 continue
         depth = float(one.end_depth)
         warm = float(np.interp(two.start_time, rows.time, rows.temperature))
-        found.append(Stroke(window, out, depth, moved, number, warm))
+        whole = float(power.step[mine].max()) < LOST_ROW * usual
+        found.append(Stroke(window, out, depth, moved, number, warm, whole))
     return found
 
 
 class Sorted(NamedTuple):
-    """Strokes like the others of their way, and those of the usual window and volume whose energy is not, J beyond."""
+    """Strokes like the others of their way; those of the usual window and volume, and without a lost row, whose energy
+    is not, J beyond."""
 
     alike: list[Stroke]
     odd: list[tuple[Stroke, float]]
@@ -159,7 +169,7 @@ def sort_strokes(listed: list[Stroke]) -> Sorted:
     depth = np.array([s.depth for s in listed])
     good = np.abs(seconds / np.median(seconds) - 1.0) < 0.35
     good &= np.abs(volume / np.median(volume) - 1.0) < 0.3
-    whole, left = good.copy(), np.zeros(energy.size)
+    whole, left = good & np.array([s.whole for s in listed]), np.zeros(energy.size)
     for _ in range(3):
         if good.sum() < 6:
             return Sorted(listed, [])

@@ -23,6 +23,9 @@ Scalar: TypeAlias = Array
 
 PER_DAY = 86400.0
 DEGREE = 180.0 / math.pi
+#: Supports of numbers: any, and those that cannot be negative.
+ANY = (-math.inf, math.inf)
+NEVER_NEGATIVE = (0.0, math.inf)
 
 
 class Channel(Enum):
@@ -233,6 +236,8 @@ class ParameterInfo:
     ``role`` is ``amplitude`` (the effect vanishes where all amplitudes of a term are zero), ``shape`` (a period, a
     depth scale: without meaning until an amplitude is not zero) or ``constant``. ``shown`` is the unit in reports
     and ``shown_per_si`` the factor to it. ``quantity`` is the name in the vehicle file of a base parameter.
+    ``support`` is what physics allows, lower and upper, in ``unit``: an inference finds nothing outside. ``looks`` are
+    values beside zero at which an effect far from linear is looked at.
     """
 
     name: str
@@ -244,6 +249,19 @@ class ParameterInfo:
     shown: str
     shown_per_si: float
     quantity: str = ""
+    support: tuple[float, float] = ANY
+    looks: tuple[float, ...] = ()
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Lower and upper limit of the number: of its support and of its prior, whichever is narrower."""
+        lower, upper = self.support
+        if isinstance(self.prior, LogNormal):
+            lower = max(lower, 0.0)
+        return (
+            max(lower, getattr(self.prior, "lower", -math.inf)),
+            min(upper, getattr(self.prior, "upper", math.inf)),
+        )
 
     @property
     def positive(self) -> bool:
@@ -264,6 +282,8 @@ def parameter(
     shown: str | None = None,
     shown_per_si: float = 1.0,
     quantity: str = "",
+    support: tuple[float, float] = ANY,
+    looks: tuple[float, ...] = (),
 ) -> Any:
     """Declare an unknown of a term: a scalar leaf with its prior, SI unit, meaning and source.
 
@@ -272,7 +292,7 @@ def parameter(
     """
     declared = dict(
         prior=prior, unit=unit, text=text, source=source, role=role, shown=shown or unit,
-        shown_per_si=shown_per_si, quantity=quantity,
+        shown_per_si=shown_per_si, quantity=quantity, support=support, looks=looks,
     )  # fmt: skip
     return eqx.field(default=prior.centre, converter=_as_leaf, metadata={_KEY: declared})
 

@@ -29,6 +29,7 @@ class PitchOffset(AbstractTerm):
 
     offset: Scalar = parameter(
         Normal(0.0, 0.02),
+        support=(-0.3, 0.3),
         unit="rad",
         text="true minus measured pitch",
         source="0.2 degrees on comet 2016; 1 degree typical: judgement",
@@ -58,6 +59,7 @@ class PitchGain(AbstractTerm):
 
     gain: Scalar = parameter(
         Normal(0.0, 0.07),
+        support=(-0.5, 1.0),
         unit="1",
         text="true over measured pitch, minus one",
         source="-0.14 on comet 2016, -0.17 on another deployment",

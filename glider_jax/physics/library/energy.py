@@ -11,6 +11,7 @@ from typing import ClassVar
 import jax.numpy as jnp
 
 from glider_jax.physics.term import (
+    NEVER_NEGATIVE,
     AbstractTerm,
     Channel,
     Normal,
@@ -111,6 +112,7 @@ class PumpWear(AbstractTerm):
 
     rate: Scalar = parameter(
         Normal(0.0, 1e-4), unit="1", text="logarithm of the energy factor gained per inflection",
+        support=NEVER_NEGATIVE,
         source="judgement: 10 % in a thousand",
     )  # fmt: skip
     info: ClassVar[TermInfo] = TermInfo(
@@ -136,6 +138,7 @@ class ColdFriction(AbstractTerm):
 
     slope: Scalar = parameter(
         Normal(0.0, 0.02), unit="K-1", text="share of pump energy gained per kelvin below 15 degC",
+        support=NEVER_NEGATIVE,
         source="viscosity, 1 to 3 % per kelvin", shown="%/K", shown_per_si=1e2,
     )  # fmt: skip
     reference_temperature: Scalar = reference_temperature()
@@ -187,7 +190,11 @@ class BrakePressure(AbstractTerm):
     """The brake works harder against pressure."""
 
     slope: Scalar = parameter(
-        Normal(0.0, 0.4), unit="J m-1", text="brake energy gained per metre of depth", source="judgement"
+        Normal(0.0, 0.4),
+        unit="J m-1",
+        text="brake energy gained per metre of depth",
+        source="judgement",
+        support=NEVER_NEGATIVE,
     )
     info: ClassVar[TermInfo] = TermInfo(
         id="energy.brake_pressure",
@@ -211,7 +218,11 @@ class BrakeWear(AbstractTerm):
     """The brake needs more energy with every inflection."""
 
     rate: Scalar = parameter(
-        Normal(0.0, 0.02), unit="J", text="brake energy gained per inflection", source="judgement"
+        Normal(0.0, 0.02),
+        unit="J",
+        text="brake energy gained per inflection",
+        source="judgement",
+        support=NEVER_NEGATIVE,
     )
     info: ClassVar[TermInfo] = TermInfo(
         id="energy.brake_wear",
@@ -236,6 +247,7 @@ class PitchMotor(AbstractTerm):
 
     energy: Scalar = parameter(
         Normal(0.0, 20.0), unit="J", text="energy of an inflection beside pump and brake",
+        support=NEVER_NEGATIVE,
         source="judgement: tens of joules a move",
     )  # fmt: skip
     info: ClassVar[TermInfo] = TermInfo(
@@ -286,6 +298,7 @@ class ColdResistance(AbstractTerm):
 
     slope: Scalar = parameter(
         Normal(0.0, 0.02),
+        support=NEVER_NEGATIVE,
         unit="ohm K-1",
         text="resistance gained per kelvin below 15 degC",
         source="judgement",
@@ -313,7 +326,11 @@ class AgeingResistance(AbstractTerm):
     """An emptier battery has more resistance."""
 
     resistance: Scalar = parameter(
-        Normal(0.0, 0.3), unit="ohm", text="resistance gained from full to empty", source="judgement"
+        Normal(0.0, 0.3),
+        unit="ohm",
+        text="resistance gained from full to empty",
+        source="judgement",
+        support=NEVER_NEGATIVE,
     )
     info: ClassVar[TermInfo] = TermInfo(
         id="energy.ageing_resistance",
@@ -362,6 +379,7 @@ class CapacityLoss(AbstractTerm):
 
     share: Scalar = parameter(
         Normal(0.0, 0.1), unit="1", text="logarithm of nominal over true capacity",
+        support=(-0.3, 2.0),
         source="3 % a year in storage, 10 to 30 % in all", shown="%", shown_per_si=1e2,
     )  # fmt: skip
     info: ClassVar[TermInfo] = TermInfo(
@@ -387,6 +405,7 @@ class ColdCapacity(AbstractTerm):
 
     slope: Scalar = parameter(
         Normal(0.0, 0.007), unit="K-1", text="share of capacity lost per kelvin below 15 degC",
+        support=NEVER_NEGATIVE,
         source="about 10 % temperature margin", shown="%/K", shown_per_si=1e2,
     )  # fmt: skip
     reference_temperature: Scalar = reference_temperature()

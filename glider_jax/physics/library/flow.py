@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 
 from glider_jax.physics.term import (
+    NEVER_NEGATIVE,
     PER_DAY,
     AbstractTerm,
     Channel,
@@ -32,6 +33,7 @@ class DragGrowth(AbstractTerm):
 
     rate: Scalar = parameter(
         Normal(0.0, 0.05 / 86400.0),
+        support=NEVER_NEGATIVE,
         unit="s-1",
         text="share of the parasite drag gained per second at sea",
         source="0.7 % a day on comet in a North Sea summer; weed and barnacles faster: judgement",
@@ -61,6 +63,7 @@ class DragBias(AbstractTerm):
 
     share: Scalar = parameter(
         Normal(0.0, 0.25),
+        support=(-0.7, 3.0),
         unit="1",
         text="parasite drag beyond the base model, as a share of it",
         source="calibrated 0.15 to 0.21; sensors outside the hull add 20 to 50 %",
@@ -95,6 +98,7 @@ class InducedDragBias(AbstractTerm):
 
     share: Scalar = parameter(
         Normal(0.0, 0.25),
+        support=(-0.9, 4.0),
         unit="1",
         text="induced drag beyond the base model, as a share of it",
         source="3 to 11.5 per squared radian across published models",
@@ -124,6 +128,8 @@ class LiftLoss(AbstractTerm):
 
     loss: Scalar = parameter(
         Normal(0.0, 0.2),
+        support=(-0.6, 0.9),
+        looks=(0.3, 0.5),
         unit="1",
         text="lift slope lost, as a share of the base model's",
         source="judgement: hull part 2.4 to 3.8 across calibrations",
@@ -153,6 +159,7 @@ class WingLoss(AbstractTerm):
 
     loss: Scalar = parameter(
         Normal(0.0, 0.25),
+        support=(0.0, 0.9),
         unit="1",
         text="lift slope lost, as a share of the base model's",
         source="half of the wings' part, about a quarter of all lift",
@@ -161,6 +168,7 @@ class WingLoss(AbstractTerm):
     )
     mass: Scalar = parameter(
         Normal(0.0, 0.05),
+        support=NEVER_NEGATIVE,
         unit="kg",
         text="weight in water of what was lost",
         source="judgement",
@@ -201,6 +209,7 @@ class DragAsymmetry(AbstractTerm):
 
     share: Scalar = parameter(
         Normal(0.0, 0.15),
+        support=(-0.9, 0.9),
         unit="1",
         text="share of the parasite drag gained on climbs and lost on dives",
         source="judgement: 10 to 20 % with sensors on top of the hull",
@@ -230,6 +239,7 @@ class ReynoldsDrag(AbstractTerm):
 
     exponent: Scalar = parameter(
         Normal(0.0, 0.1),
+        support=(0.0, 1.0),
         unit="1",
         text="power of speed by which the drag coefficient falls",
         source="0.2 of a turbulent plate, 0.25 of Seaglider, 0 of Slocum hulls",
@@ -264,6 +274,7 @@ class RollDrag(AbstractTerm):
 
     coefficient: Scalar = parameter(
         Normal(0.0, 1.0),
+        support=NEVER_NEGATIVE,
         unit="rad-2",
         text="share of drag gained per squared roll",
         source="judgement: 3 % at 10 degrees",
@@ -291,6 +302,7 @@ class TurnDrag(AbstractTerm):
 
     time: Scalar = parameter(
         Normal(0.0, 5.0),
+        support=NEVER_NEGATIVE,
         unit="s rad-1",
         text="side-slip drag: share of drag gained per rate of turn",
         source="judgement: turns cost 2 to 5 %",

@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 
 from glider_jax.physics.term import (
+    NEVER_NEGATIVE,
     PER_DAY,
     AbstractTerm,
     Channel,
@@ -33,6 +34,7 @@ class HullCompressibility(AbstractTerm):
 
     compressibility: Scalar = parameter(
         Normal(0.0, 5e-10),
+        support=NEVER_NEGATIVE,
         unit="Pa-1",
         text="share of the hull volume lost per pascal beyond the base model",
         source="5e-10 default of the Slocum flight model; 2.1e-10 to 6e-10 across vehicles",
@@ -61,6 +63,7 @@ class ThermalExpansion(AbstractTerm):
 
     expansion: Scalar = parameter(
         Normal(0.0, 5e-5),
+        support=NEVER_NEGATIVE,
         unit="K-1",
         text="share of the hull volume gained per kelvin beyond the base model",
         source="Seaglider 7.05e-5, Deepglider 6.2e-5, aluminium 7e-5",
@@ -124,6 +127,7 @@ class MassGrowth(AbstractTerm):
 
     rate: Scalar = parameter(
         Normal(0.0, 0.02 / 86400.0),
+        support=NEVER_NEGATIVE,
         unit="kg s-1",
         text="mass gained per second at sea",
         source="judgement: 10 to 500 g of fouling or water over a mission",
@@ -153,6 +157,7 @@ class WaterIngress(AbstractTerm):
 
     mass: Scalar = parameter(
         Normal(0.0, 0.05),
+        support=NEVER_NEGATIVE,
         unit="kg",
         text="mass of water that came in",
         source="judgement: 10 to 500 g",
@@ -192,6 +197,7 @@ class OilLoss(AbstractTerm):
 
     rate: Scalar = parameter(
         Normal(0.0, 5e-6 / 86400.0),
+        support=NEVER_NEGATIVE,
         unit="m3 s-1",
         text="volume lost per second",
         source="judgement: a few cubic centimetres a day",
@@ -221,6 +227,7 @@ class OilGain(AbstractTerm):
 
     gain: Scalar = parameter(
         Normal(0.0, 0.035),
+        support=(-0.5, 1.0),
         unit="1",
         text="true over reported pumped volume, minus one",
         source="judgement: 2 to 5 % of the volume sensor",
@@ -310,6 +317,7 @@ class BladderAir(AbstractTerm):
 
     volume: Scalar = parameter(
         Normal(0.0, 15e-6),
+        support=NEVER_NEGATIVE,
         unit="m3",
         text="air under the fairing at the surface",
         source="judgement: 5 to 30 cm3",
@@ -378,6 +386,7 @@ class DensityContrast(AbstractTerm):
 
     share: Scalar = parameter(
         Normal(0.0, 0.2),
+        support=(-1.0, 2.0),
         unit="1",
         text="density anomaly left out, as a share of the profile's",
         source="judgement",

@@ -11,6 +11,7 @@ from typing import ClassVar
 import jax
 
 from glider_jax.physics.term import (
+    NEVER_NEGATIVE,
     PER_DAY,
     AbstractTerm,
     Channel,
@@ -31,6 +32,7 @@ class DiveOnlyLoad(AbstractTerm):
 
     power: Scalar = parameter(
         Normal(0.0, 0.5),
+        support=NEVER_NEGATIVE,
         unit="W",
         text="power drawn on dives",
         source="0.1 A at 14 V between phases on comet",
@@ -57,7 +59,11 @@ class ClimbOnlyLoad(AbstractTerm):
     """Something draws power on climbs alone."""
 
     power: Scalar = parameter(
-        Normal(0.0, 0.5), unit="W", text="power drawn on climbs", source="as for dives: judgement"
+        Normal(0.0, 0.5),
+        unit="W",
+        text="power drawn on climbs",
+        source="as for dives: judgement",
+        support=NEVER_NEGATIVE,
     )
     info: ClassVar[TermInfo] = TermInfo(
         id="energy.climb_only_load",
@@ -114,6 +120,7 @@ class HotelGrowth(AbstractTerm):
 
     rate: Scalar = parameter(
         Normal(0.0, 0.1 / 86400.0), unit="W s-1", text="power gained per second",
+        support=NEVER_NEGATIVE,
         source="creeping drains of 0.05 to 0.3 W", shown="W/day", shown_per_si=PER_DAY,
     )  # fmt: skip
     info: ClassVar[TermInfo] = TermInfo(
@@ -139,6 +146,7 @@ class LeakDrain(AbstractTerm):
 
     rate: Scalar = parameter(
         Normal(0.0, 0.0005 / 86400.0), unit="S s-1", text="leak conductance gained per second",
+        support=NEVER_NEGATIVE,
         source="0.1 W a day at 14 V: judgement", shown="mS/day", shown_per_si=1e3 * PER_DAY,
     )  # fmt: skip
     info: ClassVar[TermInfo] = TermInfo(
@@ -164,6 +172,7 @@ class FinActivity(AbstractTerm):
 
     energy: Scalar = parameter(
         Normal(0.0, 5.0), unit="J rad-1", text="energy per angle moved",
+        support=NEVER_NEGATIVE,
         source="not resolvable on comet, below 0.15 W",
     )  # fmt: skip
     info: ClassVar[TermInfo] = TermInfo(
@@ -188,7 +197,11 @@ class AltimeterLoad(AbstractTerm):
     """The altimeter draws power on dives near the seafloor."""
 
     power: Scalar = parameter(
-        Normal(0.0, 0.7), unit="W", text="power while it pings", source="0.04 to 0.1 A on comet, with doubt"
+        Normal(0.0, 0.7),
+        unit="W",
+        text="power while it pings",
+        source="0.04 to 0.1 A on comet, with doubt",
+        support=NEVER_NEGATIVE,
     )
     reach: Scalar = parameter(
         LogNormal(50.0, 1.5),

@@ -11,6 +11,7 @@ from typing import ClassVar
 import jax.numpy as jnp
 
 from glider_jax.physics.term import (
+    NEVER_NEGATIVE,
     AbstractTerm,
     Channel,
     Normal,
@@ -81,6 +82,7 @@ class Overshoot(AbstractTerm):
 
     time: Scalar = parameter(
         Normal(0.0, 10.0), unit="s", text="time past the commanded turn",
+        support=NEVER_NEGATIVE,
         source="2 to 4 m shallow, 5 to 15 m deep at 0.15 to 0.2 m/s",
     )  # fmt: skip
     info: ClassVar[TermInfo] = TermInfo(

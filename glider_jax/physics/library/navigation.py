@@ -12,6 +12,7 @@ import jax.numpy as jnp
 
 from glider_jax.physics.term import (
     DEGREE,
+    NEVER_NEGATIVE,
     AbstractTerm,
     Channel,
     LogNormal,
@@ -160,6 +161,7 @@ class SpeedBias(AbstractTerm):
 
     share: Scalar = parameter(
         Normal(0.0, 0.03), unit="1", text="logarithm of true over modelled horizontal speed",
+        support=(-0.4, 0.4),
         source="about 3 %, 1 cm/s, before the 2019 calibration", shown="%", shown_per_si=1e2,
     )  # fmt: skip
     info: ClassVar[TermInfo] = TermInfo(
@@ -216,7 +218,11 @@ class Coasting(AbstractTerm):
     """After an inflection the glider is slower than in steady flight."""
 
     share: Scalar = parameter(
-        Normal(0.0, 0.3), unit="1", text="share of the speed missing at the inflection", source="judgement"
+        Normal(0.0, 0.3),
+        unit="1",
+        text="share of the speed missing at the inflection",
+        source="judgement",
+        support=(0.0, 1.0),
     )
     decay: Scalar = parameter(
         LogNormal(15.0, 2.0), unit="s", text="time in which it comes back", source="firmware coasts for 7.5 s",
@@ -274,6 +280,7 @@ class Leeway(AbstractTerm):
 
     share: Scalar = parameter(
         Normal(0.0, 0.02), unit="1", text="drift over wind speed", source="1 to 3 % of the wind",
+        support=NEVER_NEGATIVE,
         shown="%", shown_per_si=1e2,
     )  # fmt: skip
     info: ClassVar[TermInfo] = TermInfo(

@@ -55,6 +55,7 @@ class CurrentGain(AbstractTerm):
 
     gain: Scalar = parameter(
         Normal(0.0, 0.03), unit="1", text="recorded over true current, minus one", source="1 to 3 %",
+        support=(-0.5, 1.0),
         shown="%", shown_per_si=1e2,
     )  # fmt: skip
     info: ClassVar[TermInfo] = TermInfo(
@@ -80,6 +81,7 @@ class CoulombGain(AbstractTerm):
 
     gain: Scalar = parameter(
         Normal(0.0, 0.02), unit="1", text="recorded charge over the integral of the recorded current, minus one",
+        support=(-0.5, 1.0),
         source="1 to 3 %; 0.4 % on comet", shown="%", shown_per_si=1e2,
     )  # fmt: skip
     info: ClassVar[TermInfo] = TermInfo(
@@ -129,6 +131,7 @@ class PressureGain(AbstractTerm):
 
     gain: Scalar = parameter(
         Normal(0.0, 0.003), unit="1", text="recorded over true depth, minus one", source="0.1 to 0.3 % of full scale",
+        support=(-0.2, 0.2),
         shown="%", shown_per_si=1e2,
     )  # fmt: skip
     info: ClassVar[TermInfo] = TermInfo(

@@ -13,6 +13,7 @@ from typing import ClassVar
 import jax.numpy as jnp
 
 from glider_jax.physics.term import (
+    NEVER_NEGATIVE,
     AbstractTerm,
     Channel,
     LogNormal,
@@ -138,6 +139,7 @@ class CurrentShear(AbstractTerm):
 
     loss: Scalar = parameter(
         Normal(0.0, 0.5), unit="1", text="share of the surface current that is gone at depth",
+        support=(-1.0, 2.0),
         source="judgement: HF radar against ADCP 5 to 9 cm/s", shown="%", shown_per_si=1e2,
     )  # fmt: skip
     east: Scalar = _amplitude(0.1, "deep flow of its own, east", "judgement")
@@ -172,6 +174,7 @@ class ProductGain(AbstractTerm):
 
     gain: Scalar = parameter(
         Normal(0.0, 0.3), unit="1", text="true over given current, minus one",
+        support=(-1.0, 3.0),
         source="radar 30 % above a current meter along the shelf", shown="%", shown_per_si=1e2,
     )  # fmt: skip
     info: ClassVar[TermInfo] = TermInfo(
@@ -309,6 +312,7 @@ class StokesDrift(AbstractTerm):
 
     share: Scalar = parameter(
         Normal(0.0, 0.012), unit="1", text="surface Stokes drift over wind speed",
+        support=NEVER_NEGATIVE,
         source="1 to 1.5 % of the wind", shown="%", shown_per_si=1e2,
     )  # fmt: skip
     scale: Scalar = parameter(
