@@ -165,8 +165,8 @@ def build_replay(gathered: Gathered, vehicle: Vehicle, prior_width: float = 2.0)
     wanted = {
         "inflection way": "displacement east", "pitch wander": "vertical speed", "pitch delay": "vertical speed",
         "wander lag": "vertical speed", "lag of rate": "vertical speed", "turn": "turn depth",
-        "turn on altitude": "turn depth", "gauge at the surface": "depth at the surface", "stay": "surface stay",
-        "open circuit": "battery voltage", "charge": "battery voltage", "chart": "water depth",
+        "turn time": "turn depth", "turn on altitude": "turn depth", "gauge at the surface": "depth at the surface",
+        "stay": "surface stay", "open circuit": "battery voltage", "charge": "battery voltage", "chart": "water depth",
     }  # fmt: skip
     for one in NUISANCES:
         if wanted[one.name] in there:
@@ -406,7 +406,8 @@ def _power(program: Program, values: Any, shapes: dict[str, Any]) -> dict[str, A
     if inputs.turns:
         sample = _sample(inputs.turns)
         called = sample.height_above_bottom < FROM_FLOOR
-        aside = extra["turn"] + jnp.where(called, extra["turn on altitude"], 0.0)
+        aside = extra["turn"] + extra["turn time"] * (sample.depth_rate - TURNING)
+        aside = aside + jnp.where(called, extra["turn on altitude"], 0.0)
         found["turn depth"] = _total(model, Channel.TURN_DEPTH, sample) + aside
     if inputs.floors:
         sample = _sample(inputs.floors)
@@ -430,6 +431,8 @@ def _predict(program: Program, values: Any, shapes: dict[str, Any]) -> dict[str,
     return {**_motion(program, values, shapes), **_power(program, values, shapes)}
 
 
+#: m s-1; vertical speed at which the depth past a turn is told, so that its time is told by faster and slower turns.
+TURNING = 0.15
 _BATCH = 16
 #: Numbers of unknowns for which derivatives by some of them are compiled.
 FEW = (32,)

@@ -41,6 +41,7 @@ NUISANCES: tuple[Nuisance, ...] = (
     Nuisance("lag of rate", 0.5, "1", "flight", "share of the lag that is in the vertical speed, not along the path"),
     Nuisance("gauge at the surface", 0.1, "m", "power", "depth of the pressure gauge while surfaced, about 0.3 m"),
     Nuisance("turn", 3.0, "m", "power", "how far a dive runs past the depth at which it was told to turn"),
+    Nuisance("turn time", 6.0, "s", "power", "time for which it goes on at its vertical speed while it turns"),
     Nuisance("turn on altitude", 3.0, "m", "power", "the same of turns that the altimeter calls, beyond the others"),
     Nuisance("stay", 150.0, "s", "power", "time at the surface beyond the plan"),
     Nuisance("open circuit", 0.05, "V", "power", "open-circuit voltage against the pack's curve"),

@@ -98,3 +98,59 @@ def test_red_currents_are_shared_by_drift_and_displacement():
     steady = np.concatenate([one, 0 * one, one, 0 * one])[:, None] * 0.03
     flips = steady * np.tile((-1.0) ** np.arange(n), 4)[:, None]
     assert (law.whiten(steady)[0] ** 2).sum() < 0.1 * (law.whiten(flips)[0] ** 2).sum()
+
+
+def quiet(way, n=90, seed=0, common=None, own=0.0, white=0.006, extra=0.0):
+    """Quiet power of one phase over three days: a wander that both share, one of its own, white noise and a load."""
+    rng = np.random.default_rng([seed, way + 2])
+    time = np.sort(rng.uniform(0.0, 3.0 * 86400.0, n))
+    shared = 0.0 if common is None else np.interp(time, *common)
+    alone = own * np.interp(time, np.linspace(0.0, 3.0 * 86400.0, 20), rng.normal(size=20))
+    value = shared + alone + white * rng.normal(size=n) + extra
+    one, block = np.ones(n), (time // 10000.0).astype(int)
+    return Stream(
+        f"hotel power, {'dives' if way < 0 else 'climbs'}", "W", "W", 1.0, value, time, block, block, one, 100.0 * one
+    )
+
+
+def worth(law, column, residual):
+    """Nats that a column of unit prior earns, with the sizes of the noise found for either."""
+    kept, reached = law.sizes.copy(), []
+    for columns in (np.zeros((law.n, 0)), column[:, None]):
+        law.sizes = kept.copy()
+        reached.append(laws.fit_noise(law, residual, columns, rounds=200))
+    law.sizes = kept
+    return reached[1] - reached[0]
+
+
+def test_a_steady_load_on_dives_is_no_wander_of_dives_alone():
+    """Loads of dives and climbs wander together, so a small steady difference between them is seen."""
+    times = np.linspace(0.0, 3.0 * 86400.0, 30)
+    apart, together = [], []
+    for seed in range(4):
+        common = (times, 0.02 * np.random.default_rng(50 + seed).normal(size=30))
+        dives, climbs = quiet(-1, seed=seed, common=common, extra=0.016), quiet(1, seed=seed, common=common)
+        single = laws.SeriesNoise(dives)
+        apart.append(worth(single, np.full(dives.n, 0.1), dives.value))
+        both = laws.LoadNoise(dives, climbs)
+        column = np.concatenate([np.full(dives.n, 0.1), np.zeros(climbs.n)])
+        together.append(worth(both, column, np.concatenate([dives.value, climbs.value])))
+    assert min(together) > 6.0
+    assert np.mean(apart) < 2.0
+
+
+def test_loads_are_whitened_together():
+    """Whitening agrees with the stated covariance, with a wander of one phase in that phase alone."""
+    dives, climbs = quiet(-1, 20), quiet(1, 15)
+    law = laws.LoadNoise(dives, climbs)
+    law.sizes = np.log([0.01, 0.02, 0.005, 0.03, 2e4, 0.01])
+    unit, half = law.whiten(np.eye(law.n))
+    covariance = np.linalg.inv(unit.T @ unit)
+    assert half == pytest.approx(0.5 * np.linalg.slogdet(covariance)[1])
+    lag = abs(dives.time[0] - dives.time[5])
+    same = 0.005**2 * (dives.group[0] == dives.group[5])
+    assert covariance[0, 5] == pytest.approx((0.03**2 + 0.01**2) * np.exp(-lag / 2e4) + same)
+    lag = abs(dives.time[0] - climbs.time[5])
+    same = 0.005**2 * (dives.group[0] == climbs.group[5])
+    assert covariance[0, 25] == pytest.approx(0.03**2 * np.exp(-lag / 2e4) + same)
+    assert covariance[25, 25] > covariance[0, 0]
