@@ -17,6 +17,8 @@ from pathlib import Path
 from tests.benchmarks.measuring import machine, machine_words, markdown, table
 from tests.benchmarks.targets import targets
 
+#: Results in a page stand behind this line.
+MARK = "<!-- results -->"
 #: In the order of the tables; the name is that of the module.
 BENCHMARKS = ("step", "peers", "accuracy", "ensemble", "scaling", "diagnosis")
 
@@ -49,12 +51,21 @@ def text(found: dict) -> str:
     return head + "".join("\n" + markdown(tables) for tables in sections)
 
 
+def put(page: Path, tables: str) -> None:
+    """Replace what stands behind the mark of a page by new results."""
+    before, mark, _ = page.read_text(encoding="utf-8").partition(MARK)
+    if not mark:
+        raise SystemExit(f"{page}: expected the line {MARK}, found none. Results go behind it.")
+    page.write_text(f"{before}{mark}\n\n{tables}", encoding="utf-8")
+
+
 def main() -> int:
     """Run what is asked for and write the tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, required=True, help="folder for table.json and table.md")
     parser.add_argument("--quick", action="store_true", help="small sizes, few repeats: that it runs, not how fast")
     parser.add_argument("--peers", type=Path, help="folder with one virtual environment per peer")
+    parser.add_argument("--page", type=Path, help="Markdown page whose results are replaced, as docs/benchmarks.md")
     parser.add_argument("--only", nargs="+", choices=BENCHMARKS, default=BENCHMARKS, help="these alone")
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
@@ -66,6 +77,8 @@ def main() -> int:
         # Written after each: a run of hours that is stopped leaves what it had.
         (given.out / "table.json").write_text(json.dumps(found, indent=1, allow_nan=False) + "\n")
         (given.out / "table.md").write_text(text(found))
+    if given.page is not None:
+        put(given.page, text(found))
     failed = [part["name"] for part in found["parts"] if "failed" in part]
     if failed:
         print(f"failed: {', '.join(failed)}", file=sys.stderr)

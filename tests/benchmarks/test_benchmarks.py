@@ -161,12 +161,16 @@ def test_targets_are_judged_by_what_was_found():
 
 
 def test_a_benchmark_that_fails_leaves_a_line(tmp_path):
-    from tests.benchmarks.__main__ import run, text
+    from tests.benchmarks.__main__ import MARK, put, run, text
 
     part = run("of_nothing", tmp_path, True, None)
     assert "No module named" in part["failed"]
     whole = text({"quick": True, "date": "today", "machine": measuring.machine(), "parts": [part]})
     assert "## of_nothing: failed" in whole and "Load when the run began" in whole
+    page = tmp_path / "page.md"
+    page.write_text(f"Words.\n\n{MARK}\n\nold\n")
+    put(page, whole)
+    assert page.read_text() == f"Words.\n\n{MARK}\n\n{whole}"
 
 
 @pytest.mark.slow
