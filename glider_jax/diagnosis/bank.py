@@ -7,11 +7,11 @@ and the chance is that of the best of all shapes of the stream, when half yos ch
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from glider_jax.diagnosis.shapes import Shape, bank
+from glider_jax.diagnosis.shapes import BURST, Shape, bank, burst
 from glider_jax.inference.fit import Linear, Problem, rows_of
 from glider_jax.inference.noise import DENSE, Noise, fit_noise
 from glider_jax.records import Array
@@ -118,10 +118,12 @@ class Bank:
     def asked(self, look: Look, active: list[int], without: dict[int, Array]) -> Look:
         """A look where each short law's noise is what the shape, and its absence, ask for; ``without`` keeps these.
 
-        Laws of long streams stay as they are: half yos and minutes, which they are made of, hide no shape.
+        Laws of long streams stay as they are: half yos and minutes, which they are made of, hide no shape. But what
+        comes once in the vertical speed must be more than a burst of internal waves.
         """
+        look = self._beside_waves(look, active)
         touched = self._touched(look.shape)
-        if any(self.laws[k][0].n > 2 * DENSE for k in touched):
+        if look.evidence < 0.0 or any(self.laws[k][0].n > 2 * DENSE for k in touched):
             return look
         prior = self.linear.precision[active] ** -0.5
         for k in touched:
@@ -139,6 +141,30 @@ class Bank:
                 reached, found = now, (float(size), tuple(sizes.items()))
         evidence = reached - bare + look.evidence - look.alone
         return Look(look.number, look.shape, evidence, reached - bare, found[0], look.best, found[1])
+
+    def _beside_waves(self, look: Look, active: list[int]) -> Look:
+        """A short bump in the vertical speed, judged beside a burst of internal waves at the same time."""
+        shape = look.shape
+        if not shape.bumps or shape.stream != "vertical speed" or shape.at[1] - shape.at[0] > BURST:
+            return look
+        number = self._touched(shape)[0]
+        noise, rows = self.laws[number]
+        stream = self.problem.gathered.stream(shape.stream)
+        waves = burst(stream.time, float(shape.at[look.best]), float(shape.at[1] - shape.at[0]))
+        own = look.size * self._own(number, look)
+        white = noise.whiten(np.concatenate([waves, own], axis=1))[0]
+        mean, inverse = self.linear.solve(active)
+        known = self.linear.columns[rows][:, active]
+        across = known.T @ white
+        weight = white.T @ white - across.T @ inverse @ across
+        pull = white.T @ (self.linear.residual[rows] - known @ mean)
+        scores = []
+        for count in (waves.shape[1], waves.shape[1] + 1):
+            lower = np.linalg.cholesky(weight[:count, :count] + np.eye(count))
+            y = np.linalg.solve(lower, pull[:count])
+            scores.append(0.5 * float(y @ y) - float(np.log(np.diag(lower)).sum()))
+        alone = scores[1] - scores[0]
+        return replace(look, evidence=alone + look.evidence - look.alone, alone=alone)
 
     def _known(self, law: int, active: list[int], prior: Array) -> Array:
         return self.linear.raw_columns[self.laws[law][1]][:, active] * prior

@@ -19,6 +19,11 @@ from glider_jax.records import Array
 COARSE, FINE = 4, 12
 WIDTHS = (2700.0, 5400.0, 10800.0, 21600.0, 43200.0)
 COVERED = 2.0
+#: s and m/s; periods of internal waves that come in bursts, and how fast they move the water. A wave in step with the
+#: yos carries dives and climbs oppositely for an hour or two, as drag would.
+WAVES, HEAVE = (480.0, 5400.0), 0.005
+#: s; bursts are no longer than this, half width.
+BURST = 10800.0
 #: Cycles of a curve that comes back: of the hour, the heading and the tide.
 CYCLES = 4
 #: s; the tide that everything is looked at over.
@@ -177,3 +182,12 @@ def _bumps(time: Array, width: float) -> tuple[Array, Array]:
     columns = np.exp(-0.5 * ((time[:, None] - at) / width) ** 2)
     good = columns.sum(axis=0) > COVERED
     return at[good], columns[:, good]
+
+
+def burst(time: Array, middle: float, width: float) -> Array:
+    """Columns (n, k) of vertical speed under a burst of internal waves of any period around a moment, m/s."""
+    slow, fast = 1.0 / WAVES[1], 1.0 / WAVES[0]
+    rates = np.arange(slow, fast, 0.5 / (np.pi * width))
+    bell = np.exp(-0.5 * ((time - middle) / (1.5 * width)) ** 2)
+    phase = 2.0 * np.pi * (time - middle)[:, None] * rates
+    return HEAVE * bell[:, None] * np.concatenate([np.sin(phase), np.cos(phase)], axis=1)

@@ -28,8 +28,8 @@ LAYERED, LAYERED_EVIDENCE = frozenset({"depth", "temperature", "density", "since
 LEAST_GAIN, BETTER = 3.0, 5.0
 #: Chance that the best of a stream's shapes has with half yos of random sign.
 CHANCE = 0.02
-#: nats from which a look is asked again with the noise that it leaves, and how many of a stream are.
-WORTH_ASKING, MOST_ASKED = 0.5, 3
+#: nats from which a look is asked again with the noise that it leaves, and how many of a stream and covariate are.
+WORTH_ASKING, MOST_ASKED = 0.5, 2
 #: Share of what a number usually scatters by, below which structure is not worth a word.
 LEAST_SIZE = 0.3
 #: Chance of what a glide model may be wrong by, beyond which it is no longer called that; its least size, likewise,
@@ -99,6 +99,8 @@ def remainders(
         # A steady value is no shape: what is named for it may as well be its name.
         shaped = [look for look in whole.beside(without) if look.shape.covariate != "throughout"]
         better = max(shaped, key=lambda look: look.evidence, default=None)
+        if better is not None and better.shape.bumps:
+            better = whole.asked(better, without, {})
         if better is None or better.evidence < max(one.evidence + BETTER, _limits(better)[0]):
             continue
         if better.shape.stream not in kept:
@@ -117,9 +119,9 @@ def _telling(whole: Bank, active: list[int]) -> list[Look]:
     for look in sorted(whole.beside(active), key=lambda one: -one.evidence):
         if look.evidence < WORTH_ASKING:
             break
-        name = look.shape.stream
-        looked[name] = looked.get(name, 0) + 1
-        if looked[name] > MOST_ASKED:
+        key = (look.shape.stream, look.shape.covariate)
+        looked[key] = looked.get(key, 0) + 1
+        if looked[key] > MOST_ASKED:
             continue
         asked = whole.asked(look, active, without)
         least, sure = _limits(asked)

@@ -71,6 +71,14 @@ def test_a_day_of_drag_is_found_where_it_was():
     assert "slower than the model, most between day" in sentence(one.place)
 
 
+def test_internal_waves_are_no_drag():
+    """A burst of waves in step with the yos carries dives and climbs oppositely for two hours: it is not told."""
+    problem, linear = made(lambda z, way, t: 0.006 * way * np.exp(-0.5 * ((t - 1e5) / 5400.0) ** 2))
+    look = best(problem, linear)
+    assert look.shape.how == "opposite" and look.evidence > 8.0
+    assert Bank(problem, linear)._beside_waves(look, [0]).evidence < look.evidence - 3.0
+
+
 def test_a_moving_layer_is_alike_on_dives_and_climbs():
     """Water that sinks between 30 and 50 m carries dives and climbs alike; the sign is that of sinking."""
     problem, linear = made(lambda z, way, t: 0.004 * np.exp(-0.5 * ((z - 40.0) / 8.0) ** 2))
