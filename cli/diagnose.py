@@ -49,7 +49,7 @@ def diagnose(
 
     from glider_jax_cli.session import compiled_cache
 
-    compiled_cache()
+    compiled_cache(flying=False)
     from glider_jax.diagnosis.run import diagnose as run
 
     given = _given(recording, vehicle, mission, currents, bathymetry, cache)

@@ -17,12 +17,25 @@ def cache_folder() -> Path:
     return Path(base) / "glider_jax"
 
 
-def compiled_cache() -> None:
+#: Compile every loop as one function, whatever its size: XLA otherwise calls a kernel for every array of the step,
+#: which takes twice the time of a flight.
+_ONE_LOOP = "xla_cpu_small_while_loop_byte_threshold"
+
+
+def compiled_cache(*, flying: bool = True) -> None:
     """Let JAX keep compiled programs between runs and use every core as a device of its own.
 
-    Must come before the first use of JAX. An XLA device count set by the user stands.
+    Must come before the first use of JAX. An XLA device count set by the user stands, and so do other options of XLA.
+
+    Parameters
+    ----------
+    flying : compile loops whole, which suits the mission step; a loop over matrices is better without.
     """
     import jax
+
+    given = os.environ.get("XLA_FLAGS", "")
+    if flying and "xla_backend_extra_options" not in given:
+        os.environ["XLA_FLAGS"] = f"{given} --xla_backend_extra_options={_ONE_LOOP}={10**15}".strip()
 
     try:
         folder = cache_folder()

@@ -14,7 +14,6 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy import ndimage
 
 from glider_jax.environment.frame import Frame
 from glider_jax.errors import CoverageError
@@ -72,18 +71,34 @@ def regular_axes(values, latitude, longitude):
 def extend_over_coast(values, cells=2):
     """Give land points within ``cells`` of water the value of the nearest water point, so that the water next to the
     coast interpolates without land; points farther away stay NaN. Works on the last two dimensions."""
-    flat = values.reshape(-1, *values.shape[-2:]).copy()
-    known = None
+    flat = values.reshape(-1, values.shape[-2] * values.shape[-1]).copy()
+    known, near, nearest = None, None, None
     for frame in flat:
         missing = np.isnan(frame)
-        if not missing.any() or missing.all():
-            continue
         if known is None or not np.array_equal(missing, known):
-            distance, nearest = ndimage.distance_transform_edt(missing, return_indices=True)
             known = missing
-        near = missing & (distance <= cells * np.sqrt(2) + 1e-9)
-        frame[near] = frame[nearest[0][near], nearest[1][near]]
+            number = _nearest(missing.reshape(values.shape[-2:]), cells).ravel()
+            near = np.flatnonzero(number >= 0)
+            nearest = number[near]
+        frame[near] = frame[nearest]
     return flat.reshape(values.shape)
+
+
+def _nearest(missing, cells):
+    """For each missing point the flat number of the nearest that is not, within ``cells`` along each axis, else -1.
+
+    A distance transform would do the same, but loading one takes longer than the whole table.
+    """
+    rows, columns = missing.shape
+    around = np.pad(missing, cells, constant_values=True)
+    here = np.arange(missing.size).reshape(missing.shape)
+    found = np.full(missing.shape, -1)
+    reach = range(-cells, cells + 1)
+    for dy, dx in sorted(((dy, dx) for dy in reach for dx in reach), key=lambda off: off[0] ** 2 + off[1] ** 2):
+        there = around[cells + dy : cells + dy + rows, cells + dx : cells + dx + columns]
+        take = missing & (found < 0) & ~there
+        found[take] = here[take] + dy * columns + dx
+    return found
 
 
 def _bilinear(values):
@@ -141,6 +156,23 @@ class Bathymetry(eqx.Module):
             return jnp.where(inside, value, jnp.nan), slope_x, slope_y
 
         return fenced(self.run, lookup)
+
+    def ahead(self, east, north, velocity_east, velocity_north):
+        """Water depth (m, positive down; NaN outside the grid) and its rate of change (m s-1) for who moves at a
+        velocity (frame m s-1)."""
+        cell, fx, fy, inside = self.cells.locate(east, north)
+        along_x = velocity_east * self.cells.inverse_step[0]
+        along_y = velocity_north * self.cells.inverse_step[1]
+
+        def lookup():
+            row = self.table[cell]
+            value = row[0] + row[1] * fx + row[2] * fy + row[3] * fx * fy
+            rate = (row[1] + row[3] * fy) * along_x + (row[2] + row[3] * fx) * along_y
+            # One complex number leaves one kernel; two real ones would each gather the row.
+            return jax.lax.complex(jnp.where(inside, value, jnp.nan), rate)
+
+        both = fenced(self.run, lookup)
+        return jnp.real(both), jnp.imag(both)
 
 
 class CurrentField(eqx.Module):
@@ -203,10 +235,12 @@ class CurrentField(eqx.Module):
             if not self.steady:
                 u2, v2 = at(frame + 1)
                 u, v = u + part * (u2 - u), v + part * (v2 - v)
-            u, v = jnp.where(inside, u, jnp.nan), jnp.where(inside, v, jnp.nan)
-            return u, v, self.error[cell]
+            # One complex number leaves one kernel, see above.
+            flow = jax.lax.complex(jnp.where(inside, u, jnp.nan), jnp.where(inside, v, jnp.nan))
+            return flow, self.error[cell]
 
-        return fenced(self.run, lookup)
+        flow, error = fenced(self.run, lookup)
+        return jnp.real(flow), jnp.imag(flow), error
 
     def covers(self, clock, time):
         """Whether a time (s since the start of the interval) lies between the first and the last frame."""

@@ -16,6 +16,7 @@ from glider_jax.mission.state import Environment, State
 from glider_jax.physics.term import Channel, Sample
 
 _FAR = 1e9
+_FEW = 12
 
 
 def sample_of(plan, member, base, state, **fields):
@@ -36,6 +37,18 @@ def sample_of(plan, member, base, state, **fields):
         inflections=state.sums.inflections,
     )
     return Sample.of(dtype, **(common | fields))
+
+
+def waypoint(plan, leg):
+    """East and north (frame metres) of the waypoint with a number."""
+    points = plan.waypoints
+    if points.shape[0] > _FEW:
+        return points[leg, 0], points[leg, 1]
+    # A few choices are faster than a look-up, which is made one member at a time.
+    east, north = points[0, 0], points[0, 1]
+    for k in range(1, points.shape[0]):
+        east, north = jnp.where(leg == k, points[k, 0], east), jnp.where(leg == k, points[k, 1], north)
+    return east, north
 
 
 def _steer(plan, east, north, speed, dac_east, dac_north):
@@ -59,6 +72,13 @@ def _turned(member, plan, base, state, he, hn):
         )
         c, s = jnp.cos(angle), jnp.sin(angle)
     return he * c + hn * s, hn * c - he * s
+
+
+def _until_slot(plan, time):
+    """Seconds to the slot that a step should end with: half a slot to one and a half; slots divide the interval."""
+    slots = jnp.round(plan.interval / plan.bundle)
+    slot = jnp.where(slots > 0, plan.interval / jnp.maximum(slots, 1.0), plan.bundle)
+    return slot * (jnp.floor(time / slot + 0.5) + 1.0) - time
 
 
 class Dive(NamedTuple):
@@ -102,8 +122,9 @@ def plan_dive(member, plan: Plan, shape: Shape, env: Environment, legs, base, st
     believed_ratio = _believed(plan, legs, zp, top, cycle) / mean_speed
 
     # Where the glider believes the waypoint is, and how soon it would get there.
-    to_east = (plan.waypoints[state.leg, 0] - state.dr_east) / sx
-    to_north = (plan.waypoints[state.leg, 1] - state.dr_north) / sy
+    next_east, next_north = waypoint(plan, state.leg)
+    to_east = (next_east - state.dr_east) / sx
+    to_north = (next_north - state.dr_north) / sy
     he1, hn1, good1, distance = _steer(
         plan, to_east, to_north, mean_speed * believed_ratio, state.dac_east, state.dac_north
     )
@@ -117,9 +138,9 @@ def plan_dive(member, plan: Plan, shape: Shape, env: Environment, legs, base, st
     remaining = jnp.where(comes_up, arrival, remaining)
     reason = jnp.where(comes_up, jnp.where(last_leg, count - 1, count - 3), reason)
     yo_left = plan.yo_limit - state.segment_yos
-    # Rounded, not rounded down, so that steps are of like length and members wait little for each other.
+    # As many as end nearest to the next slot of time, so that members reach an output time in as many steps.
     fit = jnp.floor((remaining - first - cycle) / cycle)
-    yos = jnp.clip(jnp.minimum(jnp.round(plan.bundle / cycle), fit), 1.0, 64.0)
+    yos = jnp.clip(jnp.minimum(jnp.round(_until_slot(plan, state.time) / cycle), fit), 1.0, 64.0)
     if shape.bounded_yos:
         yos = jnp.clip(yos, 1.0, jnp.maximum(yo_left, 1.0))
 
@@ -130,11 +151,11 @@ def plan_dive(member, plan: Plan, shape: Shape, env: Environment, legs, base, st
     tau = first + 0.5 * (yos - 1.0) * cycle - plan.overshoot_time
     ve = (mean_speed * te1 + state.current_east) * sx
     vn = (mean_speed * tn1 + state.current_north) * sy
-    depth, gx, gy = env.bathymetry.depth(state.east + ve * tau, state.north + vn * tau)
+    depth, deepening = env.bathymetry.ahead(state.east + ve * tau, state.north + vn * tau, ve, vn)
     if member.model.has(Channel.WATER_DEPTH):
         here = sample_of(plan, member, base, state, bottom_depth=depth)
         depth = depth + member.model.total(Channel.WATER_DEPTH, here)
-    slope = jnp.clip((gx * ve + gy * vn) * ratio, -0.5, 0.5)
+    slope = jnp.clip(deepening * ratio, -0.5, 0.5)
     clearance = depth - plan.altitude
     over = w_down * plan.overshoot_time
     wanted = jnp.minimum((clearance + slope * (over - zp)) / (1.0 - slope), plan.dive_to)
@@ -188,10 +209,11 @@ def plan_dive(member, plan: Plan, shape: Shape, env: Environment, legs, base, st
     following = jnp.where(state.leg + 1 >= shape.waypoints, 0, state.leg + 1)
     from_east = state.dr_east + (believed / duration * he1 + plan.correction * state.dac_east) * arrival * sx
     from_north = state.dr_north + (believed / duration * hn1 + plan.correction * state.dac_north) * arrival * sy
+    after_east, after_north = waypoint(plan, following)
     he2, hn2, _, _ = _steer(
         plan,
-        (plan.waypoints[following, 0] - from_east) / sx,
-        (plan.waypoints[following, 1] - from_north) / sy,
+        (after_east - from_east) / sx,
+        (after_north - from_north) / sy,
         mean_speed * believed_ratio,
         state.dac_east,
         state.dac_north,

@@ -27,6 +27,8 @@ from glider_jax.mission.state import Environment, Log, Member, State, Sums
 from glider_jax.physics.term import Channel
 
 _FAR = 1e9
+#: Of an outcome's code.
+_BITS = 8
 
 
 def sample_speed(plan: Plan, key, segment):
@@ -63,7 +65,7 @@ def step(member: Member, plan: Plan, shape: Shape, env: Environment, legs, clock
     move = fenced(run, lambda: _move(member, plan, env, clock, base, state, dive, sx, sy))
     delta = fenced(run, lambda: _energies(member, plan, base, state, dive, move))
     sums = jax.tree.map(jnp.add, state.sums, delta)
-    ok, outcome, end = fenced(run, lambda: _verdict(member, plan, shape, base, go, state, dive, move, sums))
+    ok, outcome, end = _verdict(member, plan, shape, base, go, state, dive, move, sums, run)
     moved = _advance(member, plan, shape, base, state, dive, move, sums, delta)
     moved = jax.tree.map(lambda new, old: jnp.where(ok, new, old), moved, state)
     return moved._replace(outcome=outcome, end_time=end)
@@ -134,27 +136,35 @@ def _move(member, plan: Plan, env: Environment, clock, base, state: State, dive:
     )
 
 
-def _verdict(member, plan, shape, base, go, state: State, dive: Dive, move: _Move, sums: Sums):
+def _verdict(member, plan, shape, base, go, state: State, dive: Dive, move: _Move, sums: Sums, run):
     """Whether the step counts, the outcome after it, and the absolute time at which the member ended."""
-    up = state.at_surface
-    spent = total_energy(member, sums)
-    surfaces, done = dive.surfaces & ~up, state.done | _finishes(shape, state, dive)
-    outcome = jnp.where(surfaces & done, int(Outcome.ARRIVED), int(Outcome.FLYING))
-    late = (base + state.time + move.duration > plan.overtime) & (outcome == int(Outcome.FLYING))
-    outcome = jnp.where(late, int(Outcome.ABORTED), outcome)
-    outcome = jnp.where(spent > member.energy_limit, member.limit_code, outcome)
-    finite = jnp.isfinite(move.east) & jnp.isfinite(move.north) & jnp.isfinite(move.duration) & jnp.isfinite(spent)
-    stuck = jnp.where(~finite, int(Outcome.INVALID), int(Outcome.FLYING))
-    stuck = jnp.where(move.dry, int(Outcome.LEFT_CURRENTS_AREA), stuck)
-    stuck = jnp.where(move.late, int(Outcome.LEFT_CURRENTS_TIME), stuck)
-    stuck = jnp.where(~up & dive.aground, int(Outcome.AGROUND), stuck)
-    stuck = jnp.where(~up & dive.no_bottom, int(Outcome.LEFT_BATHYMETRY), stuck)
-    stuck = jnp.where(~up & ~dive.flies, int(Outcome.STALLED), stuck)
+
+    def judge():
+        """What keeps the member from moving, FLYING if nothing does, and what it has become where it moves."""
+        up = state.at_surface
+        spent = total_energy(member, sums)
+        surfaces, done = dive.surfaces & ~up, state.done | _finishes(shape, state, dive)
+        outcome = jnp.where(surfaces & done, int(Outcome.ARRIVED), int(Outcome.FLYING))
+        late = (base + state.time + move.duration > plan.overtime) & (outcome == int(Outcome.FLYING))
+        outcome = jnp.where(late, int(Outcome.ABORTED), outcome)
+        outcome = jnp.where(spent > member.energy_limit, member.limit_code, outcome)
+        # A sum is finite where all its parts are.
+        finite = jnp.isfinite(move.east + move.north + move.duration + spent)
+        stuck = jnp.where(~finite, int(Outcome.INVALID), int(Outcome.FLYING))
+        stuck = jnp.where(move.dry, int(Outcome.LEFT_CURRENTS_AREA), stuck)
+        stuck = jnp.where(move.late, int(Outcome.LEFT_CURRENTS_TIME), stuck)
+        stuck = jnp.where(~up & dive.aground, int(Outcome.AGROUND), stuck)
+        stuck = jnp.where(~up & dive.no_bottom, int(Outcome.LEFT_BATHYMETRY), stuck)
+        stuck = jnp.where(~up & ~dive.flies, int(Outcome.STALLED), stuck)
+        # One number leaves the kernel; two would each repeat it.
+        return (stuck << _BITS) + outcome
+
+    both = fenced(run, judge)
+    stuck, outcome = both >> _BITS, both & ((1 << _BITS) - 1)
     fails = stuck != int(Outcome.FLYING)
-    ok = go & ~fails
-    after = jnp.where(fails, stuck, outcome)
     end = base + state.time + jnp.where(fails, 0.0, move.duration)
-    return ok, jnp.where(go, after, state.outcome), jnp.where(go, end, state.end_time)
+    after = jnp.where(fails, stuck, outcome)
+    return go & ~fails, jnp.where(go, after, state.outcome), jnp.where(go, end, state.end_time)
 
 
 def _finishes(shape, state, dive):

@@ -8,8 +8,6 @@ the concave outer edge of a bent grid or across land.
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import csr_matrix
-from scipy.spatial import cKDTree
 
 from glider_jax.records import Array
 
@@ -33,6 +31,9 @@ class CurvilinearWeights:
     """
 
     def __init__(self, lon2d: Array, lat2d: Array, sea2d: Array, lon: Array, lat: Array):
+        # Loaded where it is used: most grids are regular, and this takes a tenth of a second.
+        from scipy.sparse import csr_matrix
+
         lon2d, lat2d = np.asarray(lon2d, float), np.asarray(lat2d, float)
         self._source = lon2d.shape
         self._target = (np.size(lat), np.size(lon))
@@ -136,6 +137,8 @@ def _locate(lon2d: Array, lat2d: Array, lon: Array, lat: Array) -> tuple[Array, 
     if ny < 2 or nx < 2 or not exists.any():
         return corners, weights, found
     nodes = np.flatnonzero(exists.ravel())
+    from scipy.spatial import cKDTree
+
     tree = cKDTree(_unit(lon2d.ravel()[nodes], lat2d.ravel()[nodes]))
     near = nodes[tree.query(_unit(lon, lat))[1]]
     row, col = np.divmod(near, nx)
