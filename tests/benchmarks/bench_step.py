@@ -44,7 +44,7 @@ def measure(n: int, days: float, repeat: int, *, full_members: int, full_days: f
     calm_track = home(calm, calm_members, calm_available, fly(calm, calm_members))
     calm_given = arrays_of(calm, calm_members)
     works, yardsticks = {"glider_jax": lambda: fly(run, members)}, {}
-    for step in (CStep(), NumbaStep()):
+    for step in (CStep(), CStep(vectors=False), NumbaStep()):
         if step.reason:
             yardsticks[step.name] = {"skipped": step.reason}
             continue

@@ -24,6 +24,7 @@ FLAGS = (
     (*_COMMON, "-fopenmp-simd"),
     ("-O3", "-march=native", "-fPIC", "-shared", "-pthread"),
 )
+SCALAR = ((*_COMMON, "-fno-tree-vectorize"),)
 
 
 class Grids(ctypes.Structure):
@@ -39,12 +40,12 @@ class Grids(ctypes.Structure):
 class CStep:
     """The compiled step; ``reason`` says why there is none.
 
-    ``members`` and ``outputs`` size the memory of the records, which is kept from one flight to the next.
+    ``vectors`` False keeps the compiler from making vector instructions. The memory of the records is kept from one
+    flight to the next.
     """
 
-    name = "C"
-
-    def __init__(self):
+    def __init__(self, vectors: bool = True):
+        self.name = "C" if vectors else "C without vectors"
         self.library, self.flags, self.reason = None, (), ""
         self._records = np.empty((0,), np.float32)
         compiler = os.environ.get("CC") or shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
@@ -54,7 +55,7 @@ class CStep:
         with tempfile.TemporaryDirectory() as folder:
             target = Path(folder) / "mission.so"
             source = Path(__file__).with_name("mission.c")
-            for flags in FLAGS:
+            for flags in FLAGS if vectors else SCALAR:
                 made = subprocess.run(
                     [compiler, *flags, "-o", str(target), str(source), "-lm"], capture_output=True, text=True
                 )

@@ -269,17 +269,15 @@ static void step(Block *restrict s, const Plan *restrict p, const Grids *restric
         float d_pumped = dives * (s->pump[k] + s->pump_per_metre[k] * turn), d_retracted = dives * s->retract[k];
         float d_braked = 2.0f * dives * s->brake[k];
         float d_hotelled = (s->hotel[k] + (up ? s->surface[k] : 0.0f)) * duration;
-        float d_dive = up ? 0.0f : dive_time, d_climb = up ? 0.0f : climb_time, d_surface = up ? duration : 0.0f;
-        float d_inflections = 2.0f * dives, d_surfacings = surfaces & !up ? 1.0f : 0.0f;
-        float d_ground = sqrtf(de * de + dn * dn);
-        float pumped = s->pumped[k] + d_pumped, retracted = s->retracted[k] + d_retracted;
-        float braked = s->braked[k] + d_braked, hotelled = s->hotelled[k] + d_hotelled;
-        float sum_dive = s->dive_time[k] + d_dive, sum_climb = s->climb_time[k] + d_climb;
-        float sum_surface = s->surface_time[k] + d_surface, surfacings = s->surfacings[k] + d_surfacings;
-        float inflections = s->inflections[k] + d_inflections;
-        float spent = pumped + retracted + braked + hotelled + s->power_dive[k] * sum_dive + s->power_climb[k] * sum_climb +
-                      s->power_surface[k] * sum_surface + s->per_surfacing[k] * surfacings +
-                      s->per_inflection[k] * inflections;
+        float d_dive_time = up ? 0.0f : dive_time, d_climb_time = up ? 0.0f : climb_time;
+        float d_surface_time = up ? duration : 0.0f, d_inflections = 2.0f * dives;
+        float d_surfacings = surfaces & !up ? 1.0f : 0.0f, d_through_water = forward;
+        float d_over_ground = sqrtf(de * de + dn * dn);
+#define TOTAL(name) float all_##name = s->name[k] + d_##name;
+        SUMS(TOTAL)
+        float spent = all_pumped + all_retracted + all_braked + all_hotelled + s->power_dive[k] * all_dive_time +
+                      s->power_climb[k] * all_climb_time + s->power_surface[k] * all_surface_time +
+                      s->per_surfacing[k] * all_surfacings + s->per_inflection[k] * all_inflections;
         /* Verdict. */
         int32_t comes = surfaces & !up, arrives = reached & !up, finished = arrives & last_leg, done = s->done[k] | finished;
         int32_t outcome = comes & done ? ARRIVED : FLYING;
@@ -328,28 +326,8 @@ static void step(Block *restrict s, const Plan *restrict p, const Grids *restric
         SET(error_north, error_north);
         SET(current_east, ce);
         SET(current_north, cn);
-        SET(d_pumped, d_pumped);
-        SET(d_retracted, d_retracted);
-        SET(d_braked, d_braked);
-        SET(d_hotelled, d_hotelled);
-        SET(d_dive_time, d_dive);
-        SET(d_climb_time, d_climb);
-        SET(d_surface_time, d_surface);
-        SET(d_inflections, d_inflections);
-        SET(d_surfacings, d_surfacings);
-        SET(d_through_water, forward);
-        SET(d_over_ground, d_ground);
-        SET(pumped, pumped);
-        SET(retracted, retracted);
-        SET(braked, braked);
-        SET(hotelled, hotelled);
-        SET(dive_time, sum_dive);
-        SET(climb_time, sum_climb);
-        SET(surface_time, sum_surface);
-        SET(inflections, inflections);
-        SET(surfacings, surfacings);
-        SET(through_water, s->through_water[k] + forward);
-        SET(over_ground, s->over_ground[k] + d_ground);
+#define ADD(name) SET(d_##name, d_##name); SET(name, all_##name);
+        SUMS(ADD)
         float arrived = absolute + (comes_up ? dived : arrival);
         SET(arrival_0, arrives & (leg == 0) & (s->arrival_0[k] != s->arrival_0[k]) ? arrived : s->arrival_0[k]);
         SET(arrival_1, arrives & (leg == 1) & (s->arrival_1[k] != s->arrival_1[k]) ? arrived : s->arrival_1[k]);
