@@ -202,18 +202,15 @@ def main() -> None:
         n, days, repeat = parser.parse_args().row
         print(json.dumps(row(int(n), float(days), int(repeat))))
         return
-    given = command_line(__doc__)
-    if given.quick:
-        found = {
-            "commands": commands(1, _QUICK, shrink=True),
-            "scaling": scaling([100, 200], [1.0, 16.0], 1),
-        }
-    else:
-        found = {
-            "commands": commands(5),
-            "scaling": scaling(MEMBERS, DAYS, 3),
-            "million": million(MILLION),
-        }
+    given = command_line(__doc__, sizes=True)
+    members, days = ((100, 200), (1.0, 16.0)) if given.quick else (MEMBERS, DAYS)
+    repeat = given.repeat or (1 if given.quick else 5)
+    found = {
+        "commands": commands(repeat, _QUICK, shrink=True) if given.quick else commands(repeat),
+        "scaling": scaling(given.members or members, given.days or days, min(repeat, 3)),
+    }
+    if not (given.quick or given.members or given.days):
+        found["million"] = million(MILLION)
     part("scaling", found, tables(found), given.out)
 
 

@@ -153,13 +153,17 @@ def part(name: str, data: dict[str, Any], tables: Sequence[dict[str, Any]], out:
         out.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n")
 
 
-def command_line(about: str | None, *, peers: bool = False) -> argparse.Namespace:
-    """The arguments that every benchmark takes."""
+def command_line(about: str | None, *, peers: bool = False, sizes: bool = False) -> argparse.Namespace:
+    """The arguments that every benchmark takes; with ``sizes`` also those that choose members, days and repeats."""
     parser = argparse.ArgumentParser(description=about, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="small sizes, few repeats: that it runs, not how fast")
     parser.add_argument("--out", type=Path, help="file for the numbers (JSON)")
     if peers:
         parser.add_argument("--peers", type=Path, help="folder with one virtual environment per peer")
+    if sizes:
+        parser.add_argument("--repeat", type=int, help="of every command and row")
+        parser.add_argument("--members", type=int, nargs="+", help="of the rows; the largest command is then left out")
+        parser.add_argument("--days", type=float, nargs="+", help="of the rows; the largest command is then left out")
     return parser.parse_args()
 
 
