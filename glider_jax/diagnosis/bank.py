@@ -17,7 +17,7 @@ from glider_jax.inference.noise import DENSE, Noise, fit_noise
 from glider_jax.records import Array
 
 #: Sizes that are averaged over, in units of what the stream usually scatters by.
-SIZES = np.array([0.25, 0.5, 1.0, 2.0, 4.0])
+SIZES = np.array([0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0])
 FLIPS = 999
 #: Parts that are left out in turn: blocks of dives, or every so manyth half yo of what comes once.
 PARTS = 6

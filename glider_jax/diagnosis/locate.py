@@ -247,10 +247,13 @@ def sentence(place: Place) -> str:
     elif place.covariate == "stroke":
         where = f"in {place.z:.0f} strokes, {100.0 * place.share:.0f} % of all"
     elif place.covariate == "dive":
-        where = f"most between day {place.low:.1f} and {place.high:.1f}"
+        digits = 1 if place.high - place.low > 0.3 else 2
+        where = f"most between day {place.low:.{digits}f} and {place.high:.{digits}f}"
     else:
         name = place.covariate.replace("_", " ")
-        where = f"most where {name} is {place.low:.4g} to {place.high:.4g} {place.unit}".rstrip()
+        zero, unit = (273.15, "degrees C") if place.unit == "K" else (0.0, place.unit)
+        digits = 6 if place.covariate == "density" else 4
+        where = f"most where {name} is {place.low - zero:.{digits}g} to {place.high - zero:.{digits}g} {unit}".rstrip()
     text = f"{_what(place)}, {where}."
     return text[0].upper() + text[1:]
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,9 @@ from glider_jax.inference.replay import build_replay
 from glider_jax.inference.streams import Gathered, gather
 from glider_jax.physics.library import TERMS_BY_ID
 from glider_jax.records import Array, BathymetryGrid, CurrentGrid, Recording
+
+#: nats that one more name costs beside a shape that needs none, and effects up to which pairs of them are looked at.
+COINCIDENCE, MOST_PAIRED = 3.3, 4
 
 
 @dataclass
@@ -217,15 +221,18 @@ def _find(recording, vehicle, mission, currents, bathymetry, settings, tell) -> 
 
 
 def _replaceable(search: Search) -> list[Named]:
-    """Every accepted effect by itself, and all of them together, with the evidence for each."""
-    found = [
-        Named((pick.candidate.id,), pick.variant.columns, search._worth(k)) for k, pick in enumerate(search.picks)
-    ]
-    if len(found) > 1:
-        gain = search.linear.score(search.active) - search.linear.score(search.fixed)
-        odds = sum(pick.candidate.log_odds + pick.looked for pick in search.picks)
-        columns = tuple(i for pick in search.picks for i in pick.variant.columns)
-        found.append(Named(tuple(pick.candidate.id for pick in search.picks), columns, gain + odds))
+    """Accepted effects by themselves, in pairs and all together, with the evidence for each.
+
+    Several names for what one shape explains are that many coincidences: each beyond the first costs prior odds.
+    """
+    picks = search.picks
+    sizes = {1, 2, len(picks)} if len(picks) <= MOST_PAIRED else {1, len(picks)}
+    found = []
+    for group in (g for size in sorted(sizes) for g in combinations(picks, size)):
+        columns = tuple(i for pick in group for i in pick.variant.columns)
+        gain = search.linear.score(search.active) - search.linear.score([i for i in search.active if i not in columns])
+        odds = sum(pick.candidate.log_odds + pick.looked for pick in group) - COINCIDENCE * (len(group) - 1)
+        found.append(Named(tuple(pick.candidate.id for pick in group), columns, gain + odds))
     return found
 
 
