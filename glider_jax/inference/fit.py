@@ -24,7 +24,7 @@ from glider_jax.records import Array
 INADEQUACY, IN_LAYERS = 3e-4, 5e-4
 NODES = 4
 #: Windows of quiet power up to which dives and climbs are whitened together.
-MOST_LOADS = 1200
+MOST_LOADS = 600
 #: s; periods of the heaving water that are integrated out of the noise beside the library.
 TIDES = (89428.0, 44714.0, 21600.0, 14400.0)
 
