@@ -77,7 +77,8 @@ class Frame(eqx.Module):
         """``(latitude, longitude)`` in degrees of frame coordinates in m; longitude within -180..180."""
         latitude = self.latitude + np.asarray(north, float) / self.metres_per_degree[1]
         longitude = self.longitude + np.asarray(east, float) / self.metres_per_degree[0]
-        return latitude, (longitude + 180.0) % 360.0 - 180.0
+        # Much faster than a remainder.
+        return latitude, longitude - 360.0 * np.floor((longitude + 180.0) / 360.0)
 
     def stretch(self, north):
         """Metres of frame per metre on the ground, ``(east, north)``, at a frame coordinate ``north`` (m)."""

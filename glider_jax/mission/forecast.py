@@ -269,19 +269,31 @@ def fly_chunks(n: int, run: Run, *, first: int = 0, chunk: int = CHUNK) -> Itera
         raise ConfigError(f"--n: expected at least 1 member, found {n}.")
     several = first > 0 or n > chunk
     together = chunk * jax.process_count()
-    for begin in range(first, first + n, together):
-        count = min(together, first + n - begin)
-        members, available = draw_run(run, begin, count)
-        sd = run.vehicle.value("perturbation.initial_position")
+    sd = run.vehicle.value("perturbation.initial_position")
+
+    def launch(begin: int):
+        members, available = draw_run(run, begin, min(together, first + n - begin))
         flown = run_members(
             members, run.plan, run.shape, run.environment, run.column, *run.origin, spread=run.spread, fix_sd=sd
         )
+        return members, available, flown
+
+    ahead = launch(first)
+    for begin in range(first, first + n, together):
+        members, available, flown = ahead
+        # The next members fly while these are brought home and written.
+        ahead = launch(begin + together) if begin + together < first + n else None
         if jax.process_index() > 0:
             continue
+        count = available.size
         for low in range(0, count, chunk):
             part = slice(low, min(low + chunk, count))
             own, (state, outputs) = (members, flown) if count <= chunk else _cut(members, *flown, part)
             track = bring_home(run, own, available[part], state, outputs)
+            del own, state, outputs
+            if low + chunk >= count:
+                # What was flown is at home now; the next members need the room.
+                flown = None
             # Blocks that are written one after the other share their shape.
             yield pad_surfacings(track, most_surfacings(run)) if several else track
 
@@ -387,19 +399,18 @@ def _events(before, latest, count: int) -> np.ndarray:
 
     An output holds the latest event and the one before; either is new if it came after the output before.
     """
-    logs = [[np.asarray(v) for v in log] for log in (before, latest)]
-    times = np.stack([np.nan_to_num(log[0], nan=-np.inf) for log in logs], axis=-1)
-    last = np.concatenate([np.full((1, count), -np.inf, times.dtype), times[:-1, :, 1]])
-    new = (times > last[:, :, None] + 0.5).transpose(1, 0, 2).reshape(count, -1)
-    rank = np.cumsum(new, axis=1, dtype=np.int32) - 1
-    table = np.full((count, max(int(rank[:, -1].max(initial=-1)) + 1, 1), 4), np.nan)
-    rows, columns = np.nonzero(new)
-    place = rank[rows, columns]
-    for which, log in enumerate(logs):
-        mine = columns % 2 == which
-        output, member = columns[mine] // 2, rows[mine]
-        for column, values in enumerate(log):
-            table[member, place[mine], column] = values[output, member]
+    kind = np.asarray(latest.time).dtype
+    logs = [np.stack([np.asarray(v, kind) for v in log], axis=-1) for log in (before, latest)]
+    earlier = np.concatenate([np.full((1, count), -np.inf), logs[1][:-1, :, 0]])
+    earlier = np.where(np.isnan(earlier), -np.inf, earlier)
+    fresh = [log[:, :, 0] > earlier + 0.5 for log in logs]
+    most = int(sum(new.sum(axis=0) for new in fresh).max(initial=1))
+    table, place = np.full((count, most, 4), np.nan), np.zeros(count, int)
+    for k in range(earlier.shape[0]):
+        for log, new in zip(logs, fresh, strict=True):
+            who = np.flatnonzero(new[k])
+            table[who, place[who]] = log[k, who]
+            place[who] += 1
     return table
 
 
