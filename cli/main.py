@@ -6,6 +6,7 @@ error.
 
 from __future__ import annotations
 
+import gc
 import sys
 from importlib import import_module
 from typing import Annotated
@@ -120,6 +121,8 @@ register()
 
 def main() -> None:
     """Entry point: explained errors become one sentence and exit code 1."""
+    # Loading modules and tracing programs make many objects and no rubbish: searching it takes a tenth of a start.
+    gc.set_threshold(100_000, 50, 50)
     try:
         app()
     except GliderJaxError as error:

@@ -19,6 +19,7 @@ from typing import Any
 
 import jax
 import numpy as np
+from jax.experimental.compilation_cache import compilation_cache
 from jax.experimental.serialize_executable import deserialize_and_load, serialize
 
 _LAYERS = ("environment", "inference", "mission", "physics")
@@ -53,7 +54,8 @@ def call(name: str, function: Callable, static: Any, devices: tuple, *arguments)
         found = _load(key, len(leaves), devices)
         if found is not None:
             try:
-                result = found[0](*leaves)
+                # Waited for: what fails on the device says so only when it is asked for.
+                result = jax.block_until_ready(found[0](*leaves))
             except RuntimeError:
                 # What was read does not run here, whatever the reason: it is made anew.
                 found = None
@@ -79,13 +81,19 @@ def _compile(key: str, function: Callable, static: Any, tree, leaves):
     lowered = jax.jit(flat).lower(*leaves)
     # A program that JAX's own cache gave back cannot be written again whole, so it is not asked.
     cached = jax.config.jax_enable_compilation_cache
-    jax.config.update("jax_enable_compilation_cache", cached and _folder() is None)
+    _use_cache_of_jax(cached and _folder() is None)
     try:
         compiled = lowered.compile(compiler_options=wide)
     finally:
-        jax.config.update("jax_enable_compilation_cache", cached)
+        _use_cache_of_jax(cached)
     _save(key, compiled, outside[-1])
     return compiled, outside[-1]
+
+
+def _use_cache_of_jax(wanted: bool) -> None:
+    """Switch JAX's compilation cache; it remembers what it was at the first compilation until it is reset."""
+    jax.config.update("jax_enable_compilation_cache", wanted)
+    compilation_cache.reset_cache()
 
 
 def _folder() -> Path | None:

@@ -108,6 +108,37 @@ def grid():
     )  # fmt: skip
 
 
+def test_a_program_that_jax_has_cached_is_kept_whole(tmp_path):
+    text = """
+import sys
+import jax, jax.numpy as jnp, numpy as np
+from glider_jax.mission import programs
+jax.config.update("jax_compilation_cache_dir", sys.argv[1])
+jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
+# JAX decides at the first compilation of a process whether it caches.
+jax.block_until_ready(jax.jit(lambda x: x + 1)(1.0))
+
+def loop(static, values):
+    return jax.lax.fori_loop(0, static, lambda k, v: jnp.cumsum(v) / (k + 1.0), values)
+
+def call():
+    return np.asarray(programs.call("loop", loop, 5, tuple(jax.devices()[:1]), np.arange(300.0, dtype=np.float32)))
+
+first = call()
+programs._known.clear()
+programs.surroundings = lambda: "a later version"
+call()
+programs._known.clear()
+def never(*_):
+    raise AssertionError("what was kept was not whole")
+programs._compile = never
+np.testing.assert_array_equal(call(), first)
+"""
+    done = subprocess.run([sys.executable, "-c", text, str(tmp_path)], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
 def test_kept_currents_are_those_that_were_read(tmp_path):
     file, made = tmp_path / "a.nc", []
     file.write_bytes(b"1")
