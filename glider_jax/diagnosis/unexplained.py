@@ -15,7 +15,7 @@ from scipy.stats import chi2
 
 from glider_jax.diagnosis.bank import Bank, Look, left_out, usual
 from glider_jax.diagnosis.locate import SHOWN, Place, places
-from glider_jax.diagnosis.shapes import ROUGH
+from glider_jax.diagnosis.shapes import BURST, ROUGH
 from glider_jax.inference.fit import Linear, Problem, inadequacy
 from glider_jax.readers.dead_reckoning import finite
 from glider_jax.records import Array, Recording
@@ -96,11 +96,7 @@ def remainders(
             told |= set(look.shape.parts)
     for one in named:
         without = [i for i in active if i not in one.columns]
-        # A steady value is no shape: what is named for it may as well be its name.
-        shaped = [look for look in whole.beside(without) if look.shape.covariate != "throughout"]
-        better = max(shaped, key=lambda look: look.evidence, default=None)
-        if better is not None and better.shape.bumps:
-            better = whole.asked(better, without, {})
+        better = max(filter(_rivals, whole.beside(without)), key=lambda look: look.evidence, default=None)
         if better is None or better.evidence < max(one.evidence + BETTER, _limits(better)[0]):
             continue
         if better.shape.stream not in kept:
@@ -128,6 +124,13 @@ def _telling(whole: Bank, active: list[int]) -> list[Look]:
         if asked.evidence > least and (asked.evidence > sure or whole.chance(asked, active) < CHANCE):
             found.append(asked)
     return sorted(found, key=lambda one: -one.evidence)
+
+
+def _rivals(look: Look) -> bool:
+    """Whether a look may replace a name: no steady value, which may as well be that name, and no short burst."""
+    return look.shape.covariate != "throughout" and not (
+        look.shape.bumps and look.shape.at[1] - look.shape.at[0] <= BURST
+    )
 
 
 def _limits(look: Look) -> tuple[float, float]:
