@@ -160,11 +160,15 @@ def _verdict(member, plan, shape, base, go, state: State, dive: Dive, move: _Mov
         return (stuck << _BITS) + outcome
 
     both = fenced(run, judge)
-    stuck, outcome = both >> _BITS, both & ((1 << _BITS) - 1)
-    fails = stuck != int(Outcome.FLYING)
-    end = base + state.time + jnp.where(fails, 0.0, move.duration)
-    after = jnp.where(fails, stuck, outcome)
-    return go & ~fails, jnp.where(go, after, state.outcome), jnp.where(go, end, state.end_time)
+
+    def after():
+        stuck, outcome = both >> _BITS, both & ((1 << _BITS) - 1)
+        fails = stuck != int(Outcome.FLYING)
+        end = base + state.time + jnp.where(fails, 0.0, move.duration)
+        outcome = jnp.where(fails, stuck, outcome)
+        return go & ~fails, jnp.where(go, outcome, state.outcome), jnp.where(go, end, state.end_time)
+
+    return fenced(run, after)
 
 
 def _finishes(shape, state, dive):
