@@ -17,6 +17,7 @@ from glider_jax.diagnosis.bank import Bank, Look, left_out, usual
 from glider_jax.diagnosis.locate import SHOWN, Place, places
 from glider_jax.diagnosis.shapes import BURST, ROUGH
 from glider_jax.inference.fit import Linear, Problem, inadequacy
+from glider_jax.inference.streams import Stream
 from glider_jax.readers.dead_reckoning import finite
 from glider_jax.records import Array, Recording
 
@@ -32,6 +33,8 @@ CHANCE = 0.02
 WORTH_ASKING, MOST_ASKED = 0.5, 2
 #: Share of what a number usually scatters by, below which structure is not worth a word.
 LEAST_SIZE = 0.3
+#: Share of the energy used, below which what strokes cost more or less is not worth a word.
+LEAST_ENERGY = 0.01
 #: Chance of what a glide model may be wrong by, beyond which it is no longer called that; its least size, likewise,
 #: the nats it must earn on left-out dives, and the depths it is drawn at.
 IMPLAUSIBLE, WRONG_SIZE, WRONG_GAIN, DRAWN = 1e-4, 0.5, 6.0, 12
@@ -163,7 +166,7 @@ def _told(
         last += 1
     telling = np.abs(fitted.rows) > 0.25 * np.abs(fitted.rows).max()
     size = float(np.sqrt(np.mean(fitted.rows[telling if shape.bumps else slice(None)] ** 2)))
-    if k * size < least(problem, stream.name) or fitted.gain < LEAST_GAIN:
+    if k * size < least(problem, stream.name) or fitted.gain < LEAST_GAIN or _cheap(problem, stream, size):
         return None
     unit, factor = ("d", 1.0 / 86400.0) if shape.covariate == "dive" else SHOWN.get(shape.covariate, ("", 1.0))
     share = float(np.sum(fitted.rows**2) / max(np.sum((stream.value - stream.value.mean()) ** 2), 1e-30))
@@ -175,6 +178,19 @@ def _told(
     return Remainder(
         place, float(k * size), stream.shown, at * factor, k * curve, k * sd, unit, fitted.gain, look.evidence, instead
     )  # fmt: skip
+
+
+def _cheap(problem: Problem, stream: Stream, size: float) -> bool:
+    """Whether a shape of stroke energy, J, is next to nothing of all the energy that was used."""
+    if not stream.name.startswith("pump"):
+        return False
+    total = 0.0
+    for one in problem.gathered.streams:
+        if one.name.startswith("pump"):
+            total += float(one.value.sum())
+        elif one.name.startswith("hotel"):
+            total += 0.5 * float(one.value.mean() * np.ptp(stream.time))
+    return size * stream.n < LEAST_ENERGY * total
 
 
 def least(problem: Problem, name: str) -> float:

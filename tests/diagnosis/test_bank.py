@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from glider_jax.diagnosis import unexplained
 from glider_jax.diagnosis.bank import Bank, left_out, usual, worth
 from glider_jax.diagnosis.locate import sentence
 from glider_jax.diagnosis.shapes import bank
@@ -151,3 +152,12 @@ def test_shapes_have_unit_variance_before_the_data():
             assert np.allclose((shape.curve**2).sum(axis=1), 1.0, atol=2e-2)
         assert np.abs(shape.parts["vertical speed"]).max() < 1.5
     assert usual(problem, "vertical speed") == pytest.approx(SD)
+
+
+def test_strokes_count_from_a_share_of_all_energy():
+    """A hundred strokes that cost 7 J more are nothing beside a day at 1 W; 30 J more are worth a word."""
+    strokes = SimpleNamespace(name="pump in energy", value=np.full(100, 90.0), n=100, time=np.linspace(0.0, 86400.0, 100))
+    hotel = SimpleNamespace(name="hotel power, dives", value=np.full(40, 2.0), n=40)
+    problem = SimpleNamespace(gathered=SimpleNamespace(streams=(strokes, hotel)))
+    assert unexplained._cheap(problem, strokes, 7.0) and not unexplained._cheap(problem, strokes, 30.0)
+    assert not unexplained._cheap(problem, hotel, 1e-6)
