@@ -156,7 +156,8 @@ def test_shapes_have_unit_variance_before_the_data():
 
 def test_strokes_count_from_a_share_of_all_energy():
     """A hundred strokes that cost 7 J more are nothing beside a day at 1 W; 30 J more are worth a word."""
-    strokes = SimpleNamespace(name="pump in energy", value=np.full(100, 90.0), n=100, time=np.linspace(0.0, 86400.0, 100))
+    time = np.linspace(0.0, 86400.0, 100)
+    strokes = SimpleNamespace(name="pump in energy", value=np.full(100, 90.0), n=100, time=time)
     hotel = SimpleNamespace(name="hotel power, dives", value=np.full(40, 2.0), n=40)
     problem = SimpleNamespace(gathered=SimpleNamespace(streams=(strokes, hotel)))
     assert unexplained._cheap(problem, strokes, 7.0) and not unexplained._cheap(problem, strokes, 30.0)
