@@ -164,9 +164,10 @@ def build_replay(gathered: Gathered, vehicle: Vehicle, prior_width: float = 2.0)
     there = {s.name for s in gathered.streams}
     wanted = {
         "inflection way": "displacement east", "pitch wander": "vertical speed", "pitch delay": "vertical speed",
-        "wander lag": "vertical speed", "lag of rate": "vertical speed", "turn": "turn depth",
-        "turn time": "turn depth", "turn on altitude": "turn depth", "gauge at the surface": "depth at the surface",
-        "stay": "surface stay", "open circuit": "battery voltage", "charge": "battery voltage", "chart": "water depth",
+        "wander lag": "vertical speed", "lag by speed": "vertical speed", "lag of rate": "vertical speed",
+        "turn": "turn depth", "turn time": "turn depth", "turn on altitude": "turn depth",
+        "gauge at the surface": "depth at the surface", "stay": "surface stay", "load of a stroke": "pump in energy",
+        "open circuit": "battery voltage", "charge": "battery voltage", "chart": "water depth",
     }  # fmt: skip
     for one in NUISANCES:
         if wanted[one.name] in there:
@@ -306,6 +307,7 @@ def _motion(program: Program, values: Any, shapes: dict[str, Any]) -> dict[str, 
     path = jnp.maximum(jnp.abs(glide.glide_angle), 0.05)
     usual = jnp.maximum(path - inputs.wander * jnp.sign(glide.glide_angle), 0.05)
     calm = steady * jnp.sqrt(jnp.sin(usual) / jnp.sin(path))
+    tau = tau * _faster(steady, inputs.window >= 0) ** (extra["lag by speed"] - 1.0)
     times = jnp.stack([tau, tau + extra["wander lag"], tau], axis=1)
     base, rest, lagged = _respond(jnp.stack([calm, steady - calm, steady * down], axis=1), inputs.step, times)
     speed = base + rest
@@ -346,6 +348,16 @@ def _motion(program: Program, values: Any, shapes: dict[str, Any]) -> dict[str, 
     return found
 
 
+def _faster(speed: Any, settled: Any) -> Any:
+    """Speeds over their mean in settled glides, within a factor of two.
+
+    Drag goes with the square of the speed, so a slow glider takes longer to answer: in inverse proportion.
+    """
+    speed = jax.lax.stop_gradient(speed)
+    mean = jnp.sum(jnp.where(settled, speed, 0.0)) / jnp.maximum(jnp.sum(settled), 1)
+    return jnp.clip(speed / jnp.maximum(mean, 1e-3), 0.5, 2.0)
+
+
 def _respond(steady: Any, step: Any, tau: Any) -> tuple[Any, ...]:
     """Mean over each step of a first-order response to steady values (n, k), each with its time; k arrays (n,)."""
     before = jnp.concatenate([steady[:1], steady[:-1]])
@@ -380,12 +392,14 @@ def _power(program: Program, values: Any, shapes: dict[str, Any]) -> dict[str, A
         out = jax.vmap(model.stroke_energy)(sample)
         back = jax.vmap(model.retract_energy)(sample)
         energy = jnp.where(inputs.event_out, out.pump + out.brake, back.pump + back.brake)
-        dive = 0.5 * (
-            _total(model, Channel.HOTEL_POWER, sample._replace(direction=jnp.full_like(sample.depth, -1.0)))
-            + _total(model, Channel.HOTEL_POWER, sample._replace(direction=jnp.full_like(sample.depth, 1.0)))
+        sinking, rising = (
+            _total(model, Channel.HOTEL_POWER, sample._replace(direction=jnp.full_like(sample.depth, way)))
+            for way in (-1.0, 1.0)
         )
+        to_come = jnp.where(inputs.event_out, rising - sinking, sinking - rising)
+        hotel = 0.5 * (sinking + rising + extra["load of a stroke"] * to_come)
         seconds = inputs.event_seconds
-        found["strokes"] = shown(sample, (energy + dive * seconds) / seconds) * seconds
+        found["strokes"] = shown(sample, (energy + hotel * seconds) / seconds) * seconds
     if inputs.load_surface.size:
         sample = _sample(inputs.loads)
         hotel = _total(model, Channel.HOTEL_POWER, sample)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from glider_jax.errors import DataError
-from glider_jax.inference.replay import build_replay
+from glider_jax.inference.replay import _faster, build_replay
 from glider_jax.inference.streams import gather
 from tests.diagnosis.worlds import fly, vehicle
 
@@ -94,3 +94,26 @@ def test_too_little_is_said():
     del recording.channels["pitch"]
     with pytest.raises(DataError, match="channel 'pitch'"):
         gather(recording, vehicle())
+
+
+def test_a_stroke_bears_the_load_of_the_phase_before_or_after(world):
+    """With a load on dives, whose load a stroke bears is the load's half over the stroke, of opposite sign each way."""
+    gathered, replay, values, _, _, names = world
+    loaded = values.copy()
+    loaded[names.index("energy.dive_only_load.power")] = 0.5
+    place = names.index("load of a stroke")
+    with jax.enable_x64(True):
+        _, columns = replay.slopes(loaded, {}, [place])
+    scale = replay.unknowns[place].scale
+    for name, sign in (("pump in energy", 1.0), ("pump out energy", -1.0)):
+        span = gathered.stream(name).span
+        assert columns[name][:, 0] == pytest.approx(sign * scale * 0.25 * span, rel=1e-6)
+    assert np.abs(column(world, "pump in energy", "load of a stroke")).max() < 1e-9
+
+
+def test_a_slow_glider_takes_longer_to_answer():
+    """The time to answer goes with the inverse of the speed, within a factor of two."""
+    with jax.enable_x64(True):
+        speed = jax.numpy.array([0.2, 0.4, 0.0, 2.0])
+        settled = jax.numpy.array([True, True, False, False])
+        assert np.asarray(_faster(speed, settled)) == pytest.approx([2.0 / 3.0, 4.0 / 3.0, 0.5, 2.0])
