@@ -276,13 +276,21 @@ def draw_effect(
     reached = signal_to_noise(world, full)
     if reached < 1e-6:
         raise ConfigError(f"prove: '{id}' leaves no trace in {REGIONS[region].name}. Choose another region.")
-    scale = 1.0
-    for _ in range(3):  # effects are close to linear: three steps settle the scale
-        scale = float(np.clip(scale * wanted / reached, *limits))
+    scale, (least, most) = 1.0, limits
+    for _ in range(12):
+        # Most effects are close to linear, and two steps settle them; what is not is closed in on.
+        aim = scale * wanted / reached
+        if (least, most) == limits:
+            scale = float(np.clip(aim, *limits))
+        else:
+            scale = float(aim) if least < aim < most else math.sqrt(least * most)
         full = {f"{id}.{name}": value if name in UNSCALED else value * scale for name, value in drawn.items()}
         reached = signal_to_noise(world, full)
-        if abs(reached / wanted - 1.0) < 0.01 or scale in limits:
+        if abs(reached / wanted - 1.0) < 0.01 or (scale == limits[1] and reached < wanted):
             break
+        if scale == limits[0] and reached > wanted:
+            break
+        least, most = (least, scale) if reached > wanted else (scale, most)
     return full, reached
 
 

@@ -72,6 +72,11 @@ def test_an_effect_gets_the_strength_it_should(id):
     assert cases.signal_to_noise(cases.world_of(1), twice) == pytest.approx(18.0, rel=0.1)
 
 
+def test_an_effect_far_from_linear_gets_its_strength_too():
+    drawn, reached = cases.draw_effect("flight.lift_loss", 11.3, 1, np.random.default_rng(3), (0.1, cases.LARGEST))
+    assert reached == pytest.approx(11.3, rel=0.02) and 0.2 < drawn["flight.lift_loss.loss"] < 0.5
+
+
 def test_calibrations_absorb_what_their_sigmas_allow():
     world = cases.world_of(1)
     inside = cases.signal_to_noise(world, {"flight.ballast_offset.mass": cases.SIGMA["mass"]})
