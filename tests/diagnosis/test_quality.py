@@ -39,7 +39,7 @@ def test_resets_thrusters_and_stuck_sensors_are_said():
 
 
 def test_currents_along_a_track():
-    """Linear in time and space, zero and unknown outside, corners without a value left out."""
+    """Between two frames linear, zero and unknown outside, corners without a value left out."""
     latitude, longitude, time = np.array([10.0, 11.0]), np.array([20.0, 21.0]), np.array([0.0, 100.0])
     east = np.zeros((2, 1, 2, 2))
     east[1, 0] = [[1.0, 3.0], [1.0, 3.0]]
@@ -53,6 +53,27 @@ def test_currents_along_a_track():
     chart = BathymetryGrid(latitude, longitude, np.array([[10.0, 20.0], [30.0, 40.0]]), Source("test"))
     assert depth_along_track(chart, np.array([10.5]), np.array([20.5]))[0] == pytest.approx(25.0)
     assert np.isnan(depth_along_track(chart, np.array([50.0]), np.array([20.5]))[0])
+
+
+def test_hourly_frames_keep_a_half_daily_tide():
+    """A straight line between them would lose two per cent; a frame that lacks costs only its own hours."""
+    time, turn = 3600.0 * np.arange(48), 1.405189e-4
+    space = np.ones((1, 1, 2, 2))
+    tide = CurrentGrid(
+        time, np.zeros(1), np.array([10.0, 11.0]), np.array([20.0, 21.0]),
+        np.cos(turn * time)[:, None, None, None] * space, np.sin(turn * time)[:, None, None, None] * space,
+        Source("test"),
+    )  # fmt: skip
+    at = np.linspace(7200.0, 44 * 3600.0, 3000)
+    place = (np.full(3000, 10.5), np.full(3000, 20.5), np.zeros(3000))
+    east, north, known = along_track(tide, at, *place)
+    assert known.all()
+    assert np.mean(east * np.cos(turn * at) + north * np.sin(turn * at)) == pytest.approx(1.0, abs=0.002)
+    tide.east[20] = np.nan
+    gappy, _, _ = along_track(tide, at, *place)
+    far = np.abs(at - time[20]) > 7200.0
+    np.testing.assert_array_equal(gappy[far], east[far])
+    assert np.abs(gappy - np.cos(turn * at)).max() < 0.5
 
 
 def test_false_discoveries_are_controlled():
