@@ -42,7 +42,12 @@ def prove(
     recording alone.
     """
     import json
+    import os
 
+    if jobs > 1:
+        # Processes that share the cores must not each keep threads of linear algebra spinning on all of them.
+        for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+            os.environ.setdefault(name, "1")
     from glider_jax.diagnosis.proof import protocol
     from glider_jax.diagnosis.proof.metrics import table
 
