@@ -195,9 +195,12 @@ def tables(found: dict) -> list[dict]:
 
 def main() -> None:
     """Command line of the benchmark."""
-    given = command_line(__doc__, peers=True)
-    quick = given.quick
-    found = measure(500 if quick else 5000, 2.0 if quick else 15.0, 3 if quick else 11, 1 if quick else 3, given.peers)
+    given = command_line(__doc__, peers=True, sizes=True)
+    n, days, repeat, peer_repeat = (500, 2.0, 3, 1) if given.quick else (5000, 15.0, 11, 3)
+    n = given.members[0] if given.members else n
+    days = given.days[0] if given.days else days
+    repeat, peer_repeat = (given.repeat, given.repeat) if given.repeat else (repeat, peer_repeat)
+    found = measure(n, days, repeat, peer_repeat, given.peers)
     part("peers", found, tables(found), given.out)
 
 
