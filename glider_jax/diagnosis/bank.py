@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from glider_jax.diagnosis.shapes import BURST, Shape, bank, burst
+from glider_jax.diagnosis.shapes import AROUND, BURST, Shape, bank, burst
 from glider_jax.inference.fit import Linear, Problem, rows_of
 from glider_jax.inference.noise import DENSE, Noise, fit_noise
 from glider_jax.records import Array
@@ -19,6 +19,8 @@ from glider_jax.records import Array
 #: Sizes that are averaged over, in units of what the stream usually scatters by.
 SIZES = np.array([0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0])
 FLIPS = 999
+#: nats from which a short bump in the vertical speed is taken for a burst of waves beside what comes back.
+WAVED = 6.0
 #: Parts that are left out in turn: blocks of dives, or every so manyth half yo of what comes once.
 PARTS = 6
 
@@ -121,7 +123,7 @@ class Bank:
         Laws of long streams stay as they are: half yos and minutes, which they are made of, hide no shape. But what
         comes once in the vertical speed must be more than a burst of internal waves.
         """
-        look = self._beside_waves(look, active)
+        look = self.beside_waves(look, active)
         touched = self._touched(look.shape)
         if look.evidence < 0.0 or any(self.laws[k][0].n > 2 * DENSE for k in touched):
             return look
@@ -142,15 +144,26 @@ class Bank:
         evidence = reached - bare + look.evidence - look.alone
         return Look(look.number, look.shape, evidence, reached - bare, found[0], look.best, found[1])
 
-    def _beside_waves(self, look: Look, active: list[int]) -> Look:
-        """A short bump in the vertical speed, judged beside a burst of internal waves at the same time."""
+    def beside_waves(self, look: Look, active: list[int]) -> Look:
+        """A look at the vertical speed, judged beside bursts of internal waves that it may be taken for.
+
+        A short bump stands beside a burst at its own time. What comes back, with the heading or the hour, stands beside
+        all bursts there seem to be: a heading that is steered for some hours of the record is those hours by another
+        name. Waves can take evidence away, not lend it.
+        """
         shape = look.shape
-        if not shape.bumps or shape.stream != "vertical speed" or shape.at[1] - shape.at[0] > BURST:
+        if shape.stream != "vertical speed":
+            return look
+        if shape.bumps and shape.at[1] - shape.at[0] <= BURST:
+            moments = [(float(shape.at[look.best]), float(shape.at[1] - shape.at[0]))]
+        else:
+            moments = self._bursts(active) if shape.covariate in AROUND else []
+        if not moments:
             return look
         number = self._touched(shape)[0]
         noise, rows = self.laws[number]
         stream = self.problem.gathered.stream(shape.stream)
-        waves = burst(stream.time, float(shape.at[look.best]), float(shape.at[1] - shape.at[0]))
+        waves = np.concatenate([burst(stream.time, *moment) for moment in moments], axis=1)
         own = look.size * self._own(number, look)
         white = noise.whiten(np.concatenate([waves, own], axis=1))[0]
         mean, inverse = self.linear.solve(active)
@@ -159,12 +172,26 @@ class Bank:
         weight = white.T @ white - across.T @ inverse @ across
         pull = white.T @ (self.linear.residual[rows] - known @ mean)
         scores = []
-        for count in (waves.shape[1], waves.shape[1] + 1):
+        for count in (waves.shape[1], white.shape[1]):
             lower = np.linalg.cholesky(weight[:count, :count] + np.eye(count))
             y = np.linalg.solve(lower, pull[:count])
             scores.append(0.5 * float(y @ y) - float(np.log(np.diag(lower)).sum()))
-        alone = scores[1] - scores[0]
+        alone = min(scores[1] - scores[0], look.alone)
         return replace(look, evidence=alone + look.evidence - look.alone, alone=alone)
+
+    def _bursts(self, active: list[int]) -> list[tuple[float, float]]:
+        """Moments and half widths, s, at which short bumps in the vertical speed are worth ``WAVED`` nats."""
+        seen = [
+            look for look in self.beside(active)
+            if look.shape.bumps and look.shape.stream == "vertical speed" and look.alone > WAVED
+            and look.shape.at[1] - look.shape.at[0] <= BURST
+        ]  # fmt: skip
+        found: list[tuple[float, float]] = []
+        for look in sorted(seen, key=lambda one: -one.alone):
+            moment, width = float(look.shape.at[look.best]), float(look.shape.at[1] - look.shape.at[0])
+            if all(abs(moment - other) > width + reach for other, reach in found):
+                found.append((moment, width))
+        return found
 
     def _known(self, law: int, active: list[int], prior: Array) -> Array:
         return self.linear.raw_columns[self.laws[law][1]][:, active] * prior

@@ -228,7 +228,7 @@ def _replaceable(search: Search) -> list[Named]:
     picks = search.picks
     sizes = {1, 2, len(picks)} if len(picks) <= MOST_PAIRED else {1, len(picks)}
     found = []
-    for group in (g for size in sorted(sizes) for g in combinations(picks, size)):
+    for group in (g for size in sorted(sizes - {0}) for g in combinations(picks, size)):
         columns = tuple(i for pick in group for i in pick.variant.columns)
         gain = search.linear.score(search.active) - search.linear.score([i for i in search.active if i not in columns])
         odds = sum(pick.candidate.log_odds + pick.looked for pick in group) - COINCIDENCE * (len(group) - 1)

@@ -34,6 +34,8 @@ CLEAR = 25.0
 #: nats beyond which a single effect need not be taken out again to be believed.
 BEYOND = 100.0
 MOST_EFFECTS, MOST_MOVES = 6, 14
+#: Effects that are judged where they come to rest, at most.
+MOST_BENT = 3
 
 
 @dataclass(frozen=True)
@@ -62,12 +64,14 @@ class Search:
         self.linear: Linear | None = None
         self.firsts: dict[str, float] = {}
         self.known: dict[tuple, float] = {}
+        self.early: dict[str, float] = {}
 
     def run(self) -> None:
         """Search until nothing more is worth accepting, dropping or swapping."""
         self.progress("derivatives of every effect")
         self.looks.prepare()
         self.relinearise(harden=2)
+        self.early = {c.id: self._gain(c, self.fixed, self.base)[0] for c in self.candidates}
         # Calibrations and nuisances are not all linear: once more where they came to rest.
         self.relinearise()
         self.firsts = {c.id: self._gain(c, self.fixed, self.base)[0] for c in self.candidates}
@@ -277,10 +281,81 @@ class Search:
             if gain > ACCEPT and not dropped and (gain > CLEAR or self._stands(self.pick(candidate, active, base))):
                 break
         else:
-            return False
+            return self._unbend(active)
         self.path.append(f"accepted {candidate.id} ({gain:.1f} nats)")
         self.picks.append(self.pick(candidate, active, base))
         return True
+
+    def _unbend(self, active: list[int]) -> bool:
+        """Accept the best effect that calibrations of the flight stand for; False where there is none.
+
+        A calibration that strays as far as a name would cost bends the problem: from there the linear one no longer
+        sees the effect that would bring it back. Effects that were worth a name at the vehicle file's own numbers are
+        judged where each one's fit comes to rest, begun at those numbers.
+        """
+        where, centres = self.problem.values.copy(), self.problem.centres()
+        own = [
+            i for i, u in enumerate(self.problem.replay.unknowns) if u.kind == "calibration" and "flight" in u.groups
+        ]
+        strays = (where - centres)[own] / self.problem.scales()[own]
+        if 0.5 * float(strays @ strays) < ACCEPT:
+            return False
+        taken = {pick.candidate.id for pick in self.picks}
+        taken |= {line.split()[1] for line in self.path if line.startswith("dropped ") or " at rest: " in line}
+        likely = [c for c in self.candidates if c.id not in taken and self._moves_flight(c)]
+        likely = sorted((c for c in likely if self.early.get(c.id, 0.0) > ACCEPT), key=lambda c: -self.early[c.id])
+        given = where.copy()
+        given[own] = centres[own]
+        score = self.linear.score(active)
+        base = max(self._from(self.picks, start)[0] for start in (where, given)) if likely else 0.0
+        found = [self._at_rest(self.pick(c, active, score), given, base) for c in likely[:MOST_BENT]]
+        for pick, rested in sorted(found, key=lambda pair: -pair[0].evidence):
+            if pick.evidence <= ACCEPT:
+                break
+            before, kept = self._asked(), (self.picks, self.linear, self.candidates, self.fixed, self.base)
+            at = self.problem.values, self.problem.shapes
+            self.picks, self.problem.values = [*self.picks, pick], rested
+            self.relinearise(learn_noise=False)
+            gain = self._asked() - before + pick.candidate.log_odds + pick.looked
+            if gain > ACCEPT:
+                self.path.append(f"accepted {pick.candidate.id} at rest ({pick.evidence:.1f} nats)")
+                return True
+            self.path.append(f"refused {pick.candidate.id} at rest: larger noise explains as much ({gain:.1f} nats)")
+            self.picks, self.linear, self.candidates, self.fixed, self.base = kept
+            self.problem.values, self.problem.shapes = at
+        return False
+
+    def _moves_flight(self, candidate: Candidate) -> bool:
+        labels, unknowns = self.linear.labels, self.problem.replay.unknowns
+        return any("flight" in unknowns[labels[i].unknown].groups for i in candidate.variants[0].columns)
+
+    def _at_rest(self, pick: Pick, given: Array, base: float) -> tuple[Pick, Array]:
+        """A pick judged where its fit comes to rest, and the values there; of its widths the middle one stands for all.
+
+        Each fit costs as much as a move of the search, and what the other widths would add is little.
+        """
+        variants = [v for v in pick.candidate.variants if v.shapes == pick.variant.shapes and v.shift < 0]
+        variant = sorted(variants, key=lambda v: v.width)[len(variants) // 2]
+        score, rested = self._from([*self.picks, replace(pick, variant=variant)], given)
+        evidence = score - base + variant.log_weight + pick.candidate.log_odds
+        return Pick(pick.candidate, variant, evidence, variant.log_weight), rested
+
+    def _from(self, picks: list[Pick], start: Array) -> tuple[float, Array]:
+        """Evidence of some effects and the values they rest at, begun at some values."""
+        where, self.problem.values = self.problem.values, start
+        found = self._converged(picks)
+        self.problem.values = where
+        return found
+
+    def _asked(self) -> float:
+        """Evidence of the accepted set under the noise law that it asks for itself."""
+        total = self.linear.judged(self.active)[2]
+        width = self.linear.precision[self.active] ** -0.5
+        for noise, rows in zip(self.problem.noises, rows_of(self.problem), strict=True):
+            kept = noise.sizes.copy()
+            total += fit_noise(noise, self.linear.raw[rows], self.linear.raw_columns[rows][:, self.active] * width)
+            noise.sizes = kept
+        return total
 
     def pick(self, candidate: Candidate, active: list[int], base: float) -> Pick:
         """A candidate with its best variant, as it looks beside some active columns."""

@@ -102,6 +102,9 @@ def remainders(
         better = max(filter(_rivals, whole.beside(without)), key=lambda look: look.evidence, default=None)
         if better is None or better.evidence < max(one.evidence + BETTER, _limits(better)[0]):
             continue
+        better = whole.beside_waves(better, without)
+        if better.evidence < max(one.evidence + BETTER, _limits(better)[0]):
+            continue
         if better.shape.stream not in kept:
             remainder = _told(problem, whole, better, without, instead=one.ids)
             if remainder is not None:

@@ -303,15 +303,17 @@ def _motion(program: Program, values: Any, shapes: dict[str, Any]) -> dict[str, 
     water = _total(model, Channel.VERTICAL_WATER_VELOCITY, sample)
     down, ahead = -jnp.sin(glide.glide_angle), jnp.cos(glide.glide_angle)
     steady = jnp.where(wet, glide.speed_through_water, 0.0)
-    # What the wander does to the speed answers in a time of its own: what is recorded of it is blurred.
+    # What the wander does to the speed answers in a time of its own: what is recorded of it is blurred, and the
+    # response time must not be learned from it.
     path = jnp.maximum(jnp.abs(glide.glide_angle), 0.05)
     usual = jnp.maximum(path - inputs.wander * jnp.sign(glide.glide_angle), 0.05)
     calm = steady * jnp.sqrt(jnp.sin(usual) / jnp.sin(path))
+    sinking = -jnp.sin(usual) * jnp.sign(glide.glide_angle)
     tau = tau * _faster(steady, inputs.window >= 0) ** (extra["lag by speed"] - 1.0)
-    times = jnp.stack([tau, tau + extra["wander lag"], tau], axis=1)
-    base, rest, lagged = _respond(jnp.stack([calm, steady - calm, steady * down], axis=1), inputs.step, times)
+    times = jnp.stack([tau, jnp.full_like(tau, WANDERING) + extra["wander lag"], tau], axis=1)
+    base, rest, lagged = _respond(jnp.stack([calm, steady - calm, calm * sinking], axis=1), inputs.step, times)
     speed = base + rest
-    rate = speed * down + extra["lag of rate"] * (lagged - speed * down) - jnp.where(wet, water, 0.0)
+    rate = speed * down + extra["lag of rate"] * (lagged - base * sinking) - jnp.where(wet, water, 0.0)
     forward = speed * ahead * jnp.exp(_total(model, Channel.LOG_SPEED, sample))
     found = {}
 
@@ -447,6 +449,8 @@ def _predict(program: Program, values: Any, shapes: dict[str, Any]) -> dict[str,
 
 #: m s-1; vertical speed at which the depth past a turn is told, so that its time is told by faster and slower turns.
 TURNING = 0.15
+#: s; in about this the speed answers to pitch that wanders, as recorded.
+WANDERING = 8.0
 _BATCH = 16
 #: Numbers of unknowns for which derivatives by some of them are compiled.
 FEW = (32,)

@@ -326,7 +326,7 @@ class Builder:
         index, weight = np.full(rows.time.size, -1), np.zeros(rows.time.size)
         usual = float(np.median(np.diff(rows.time)))
         length = max(WINDOW, 4.0 * usual)
-        value, time, leg, span, first, last = [], [], [], [], [], []
+        value, time, leg, span, first, last, warmer = [], [], [], [], [], [], []
         good = np.flatnonzero(rows.settled)
         gaps = (np.diff(good) > 1) | (np.diff(rows.leg[good]) != 0) if good.size else np.empty(0, bool)
         for run in np.split(good, np.flatnonzero(gaps) + 1) if good.size else []:
@@ -350,20 +350,23 @@ class Builder:
                 span.append(moments[-1] - moments[0])
                 first.append(mine[0])
                 last.append(mine[-1])
+                below = depth - depth.mean()
+                warmer.append(float(below @ rows.temperature[mine] / max(float(below @ below), 1e-3)))
         if not value:
             self.missing.append("no settled glide of half a minute: the flight physics cannot be looked at")
             return index, weight
         mid = (np.array(first) + np.array(last)) // 2
         leg = np.array(leg)
         n = np.array(last) - np.array(first) + 1
-        heat = np.gradient(rows.temperature, rows.time)
+        # Layers times the usual speed: the rate as felt would hold the heave of the water that is to be explained.
+        warming = np.array(warmer) * win.usual_rate(rows.depth[mid], rows.direction[mid], np.array(value))
         self.add(
             "vertical speed", "m s-1", "cm/s", 100.0, value, time, leg, self.leg_block[leg],
             (n / 5.0) ** 3, span,
             depth=rows.depth[mid], temperature=rows.temperature[mid], density=rows.density[mid],
             direction=rows.direction[mid], heading=np.nan_to_num(rows.heading[mid]),
             since_turn=rows.since_turn[mid], since_surfacing=rows.since_surfacing[mid],
-            warming=np.clip(heat[mid], -0.2, 0.2), time=rows.time[mid] - self.origin,
+            warming=np.clip(warming, -0.2, 0.2), time=rows.time[mid] - self.origin,
             pitch=np.abs(rows.pitch[mid]), roll=rows.roll[mid],
         )  # fmt: skip
         return index, weight

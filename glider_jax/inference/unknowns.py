@@ -37,7 +37,7 @@ NUISANCES: tuple[Nuisance, ...] = (
     Nuisance("inflection way", 0.06, "1", "flight", "way made good while turning, share beyond the model's"),
     Nuisance("pitch wander", 0.3, "1", "flight", "answer to pitch that wanders within a half yo, more than all"),
     Nuisance("pitch delay", 2.0, "s", "flight", "time by which that answer comes early"),
-    Nuisance("wander lag", 5.0, "s", "flight", "time in which the speed answers to it, beyond the response time"),
+    Nuisance("wander lag", 5.0, "s", "flight", "time in which the speed answers to it, beyond 8 s"),
     Nuisance("lag by speed", 0.5, "1", "flight", "power of the speed by which the response time falls, less than one"),
     Nuisance("lag of rate", 0.5, "1", "flight", "share of the lag that is in the vertical speed, not along the path"),
     Nuisance("load of a stroke", 0.7, "1", "power", "whose load it bears: 1 of the phase to come, -1 of the last"),
@@ -52,7 +52,7 @@ NUISANCES: tuple[Nuisance, ...] = (
 )
 GAUGE_DEPTH = 0.3
 #: Added mass along the hull over mass, and how well the response time that follows is known, share.
-AXIAL, RESPONSE_SHARE = 0.2, 0.25
+AXIAL, RESPONSE_SHARE = 0.2, 0.15
 
 
 @dataclass(frozen=True)

@@ -224,6 +224,21 @@ def surface_loads(power: Power, stays: list[Surfacing]) -> list[tuple[int, Windo
     return found
 
 
+def usual_rate(depth: Array, direction: Array, rate: Array) -> Array:
+    """Depth rate that is usual at each depth and direction, m/s, positive down: medians in depth, joined by lines."""
+    usual = rate.copy()
+    for way in np.unique(direction):
+        mine = np.flatnonzero(direction == way)
+        count = min(12, mine.size // 8)
+        if count < 2:
+            usual[mine] = np.median(rate[mine])
+            continue
+        parts = np.array_split(mine[np.argsort(depth[mine], kind="stable")], count)
+        middle = [np.median(depth[part]) for part in parts]
+        usual[mine] = np.interp(depth[mine], middle, [np.median(rate[part]) for part in parts])
+    return usual
+
+
 def drift_weights(stay: Surfacing, origin: tuple[float, float]) -> tuple[float, float, float] | None:
     """Drift east and north in m/s over a stay's fixes, and the seconds they span; None with too few fixes.
 

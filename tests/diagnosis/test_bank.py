@@ -19,7 +19,7 @@ from glider_jax.inference.streams import Stream
 LEGS, EACH, SD = 60, 6, 0.002
 
 
-def made(field, seed: int = 4, columns=None):
+def made(field, seed: int = 4, columns=None, heading=None):
     """Sixty half yos of six windows each of vertical speed that hold a field of depth, direction and time."""
     rng = np.random.default_rng(seed)
     leg = np.repeat(np.arange(LEGS), EACH)
@@ -31,7 +31,7 @@ def made(field, seed: int = 4, columns=None):
     one = np.ones(leg.size)
     stream = Stream(
         "vertical speed", "m s-1", "cm/s", 100.0, value, time, leg, leg // 4, one, 40.0 * one,
-        {"depth": depth, "direction": direction, "time": time},
+        {"depth": depth, "direction": direction, "time": time} | ({"heading": heading(time)} if heading else {}),
     )  # fmt: skip
     noise = SeriesNoise(stream)
     noise.sizes = np.log([SD, 0.5 * SD, 1e-5, 900.0])
@@ -77,7 +77,7 @@ def test_internal_waves_are_no_drag():
     problem, linear = made(lambda z, way, t: 0.006 * way * np.exp(-0.5 * ((t - 1e5) / 5400.0) ** 2))
     look = best(problem, linear)
     assert look.shape.how == "opposite" and look.evidence > 8.0
-    assert Bank(problem, linear)._beside_waves(look, [0]).evidence < look.evidence - 3.0
+    assert Bank(problem, linear).beside_waves(look, [0]).evidence < look.evidence - 3.0
 
 
 def test_a_moving_layer_is_alike_on_dives_and_climbs():
@@ -162,3 +162,24 @@ def test_strokes_count_from_a_share_of_all_energy():
     problem = SimpleNamespace(gathered=SimpleNamespace(streams=(strokes, hotel)))
     assert unexplained._cheap(problem, strokes, 7.0) and not unexplained._cheap(problem, strokes, 30.0)
     assert not unexplained._cheap(problem, hotel, 1e-6)
+
+
+def test_a_heading_steered_once_is_no_compass():
+    """Waves for two hours, in which another heading was steered, are not told as what comes with the heading."""
+    problem, linear = made(
+        lambda z, way, t: 0.008 * way * np.exp(-0.5 * ((t - 1e5) / 5400.0) ** 2),
+        heading=lambda t: np.where(np.abs(t - 1e5) < 9000.0, 2.0, 4.5) + 0.05 * np.sin(t / 700.0),
+    )
+    bank = Bank(problem, linear)
+    around = [look for look in bank.beside([0]) if look.shape.covariate == "heading"]
+    look = max(around, key=lambda one: one.evidence)
+    assert look.evidence > 8.0 and bank.beside_waves(look, [0]).evidence < look.evidence - 6.0
+    assert all(one.place.covariate != "heading" for one in remainders(problem, linear, [0])[0])
+
+
+def test_waves_lend_no_evidence():
+    """Of a small bump beside waves no more is believed than of the bump by itself."""
+    problem, linear = made(lambda z, way, t: 0.002 * way * np.exp(-0.5 * ((t - 1e5) / 5400.0) ** 2))
+    bank = Bank(problem, linear)
+    for look in bank.beside([0]):
+        assert bank.beside_waves(look, [0]).evidence <= look.evidence + 1e-9

@@ -21,6 +21,8 @@ from glider_jax.diagnosis.proof.truth import GRAVITY, Flown, Vehicle
 Array = NDArray[np.float64]
 
 PARTS = 5  # a half yo is cut into fifths
+#: m; no vehicle file says how deep the gauge of a floating glider is to better than this.
+AFLOAT = 0.1
 SETTLED = 60.0  # s after an inflection that are left out
 
 # Sigma-carrying constants and the unit in which their signatures are differenced.
@@ -164,7 +166,7 @@ def observe(world: World, effects: Mapping[str, float]) -> dict[str, Array]:
     _displacement(world, e, speed, out)
     _energy(world, effects, out)
     gauge = e("sensor.pressure_offset.offset", 0.0)
-    out["gauge"] = np.array([gauge]) / 0.011
+    out["gauge"] = np.array([gauge]) / np.hypot(0.011, AFLOAT)
     out["chart"] = np.array([e("seafloor.bathymetry_bias.bias", 0.0)]) / 0.4
     return out
 

@@ -1,0 +1,88 @@
+"""Effects that a strayed calibration stands for: when they are looked at again, and what is accepted."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from glider_jax.diagnosis.candidates import Candidate, Variant, widened
+from glider_jax.diagnosis.screen import ACCEPT, Pick, Search
+
+SIGMA = 0.75
+
+
+class Bent(Search):
+    """A search over one effect and one calibration, whose evidence at rest and under its own noise is given."""
+
+    def __init__(self, strays: float, early: float, rested: float, asked: float):
+        unknown = lambda kind, groups: SimpleNamespace(kind=kind, groups=frozenset(groups))  # noqa: E731
+        unknowns = (
+            unknown("calibration", {"flight"}), unknown("candidate", {"flight"}), unknown("candidate", {"power"}),
+        )  # fmt: skip
+        self.problem = SimpleNamespace(
+            replay=SimpleNamespace(unknowns=unknowns), values=np.array([7.5 + SIGMA * strays, 0.0, 0.0]), shapes={},
+            centres=lambda: np.array([7.5, 0.0, 0.0]), scales=lambda: np.array([SIGMA, 0.4, 1.0]),
+        )  # fmt: skip
+        labels = [SimpleNamespace(unknown=i) for i in range(3)]
+        self.linear = SimpleNamespace(labels=labels, score=lambda active: 0.0)
+        self.candidates = [
+            Candidate("flight.drag_bias", widened((Variant((1,), 0.0),)), 0.0),
+            Candidate("energy.hotel_bias", widened((Variant((2,), 0.0),)), 0.0),
+        ]
+        self.fixed, self.base, self.picks, self.path = [0], 0.0, [], []
+        self.early = {"flight.drag_bias": early, "energy.hotel_bias": 99.0}
+        self.rested, self.own, self.begun = rested, asked, []
+
+    def pick(self, candidate, active, base):
+        return Pick(candidate, candidate.variants[0], 0.0)
+
+    def _converged(self, picks):
+        """The effect is found from the vehicle file's own numbers alone; where the calibration strayed it is not."""
+        self.begun.append(float(self.problem.values[0]))
+        there = 0.2 if picks and abs(self.problem.values[0] - 7.5) < 0.1 else 0.0
+        return (self.rested if there else 0.0), np.array([7.5, there, 0.0])
+
+    def _asked(self):
+        return self.own if self.picks else 0.0
+
+    def relinearise(self, harden=0, learn_noise=True):
+        self.linear = SimpleNamespace(labels=self.linear.labels, score=lambda active: 1.0)
+
+
+def test_what_a_calibration_stood_for_is_accepted_at_its_own_rest():
+    """The fit goes on from where the effect rests, with its evidence there, not where the calibration had strayed."""
+    search = Bent(strays=-3.8, early=14.0, rested=9.0, asked=9.0)
+    assert search._unbend([0])
+    assert [pick.candidate.id for pick in search.picks] == ["flight.drag_bias"]
+    assert search.picks[0].evidence == pytest.approx(9.0 - np.log(3.0))
+    assert search.problem.values == pytest.approx([7.5, 0.2, 0.0])
+    assert search.path == ["accepted flight.drag_bias at rest (7.9 nats)"]
+
+
+def test_calibrations_near_the_vehicle_file_ask_for_nothing():
+    """Less than a name would cost is no stray: nothing is fitted."""
+    near = 0.99 * np.sqrt(2.0 * ACCEPT)
+    for strays in (near, -near):
+        search = Bent(strays=strays, early=14.0, rested=9.0, asked=9.0)
+        assert not search._unbend([0]) and not search.begun
+
+
+@pytest.mark.parametrize(("early", "rested", "asked"), ((4.0, 9.0, 9.0), (14.0, 4.0, 9.0), (14.0, 9.0, 4.0)))
+def test_an_effect_has_to_be_worth_a_name_everywhere(early, rested, asked):
+    """At the vehicle file's numbers, at rest, and against the noise its absence asks for; else all is as it was."""
+    search = Bent(strays=3.8, early=early, rested=rested, asked=asked)
+    before, values = search.linear, search.problem.values.copy()
+    assert not search._unbend([0])
+    assert not search.picks and search.linear is before
+    assert search.problem.values == pytest.approx(values)
+
+
+def test_what_was_refused_is_not_looked_at_again():
+    """A refusal is told once, and costs nothing the next time."""
+    search = Bent(strays=3.8, early=14.0, rested=9.0, asked=4.0)
+    assert not search._unbend([0])
+    assert search.path == ["refused flight.drag_bias at rest: larger noise explains as much (2.9 nats)"]
+    search.begun.clear()
+    assert not search._unbend([0]) and not search.begun and len(search.path) == 1
