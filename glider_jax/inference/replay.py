@@ -133,9 +133,9 @@ def build_replay(gathered: Gathered, vehicle: Vehicle, prior_width: float = 2.0)
             if info.role != "amplitude":
                 continue
             zeros[public] = 0.0
-            # What a term adds to a number that the vehicle file names may take it down to zero.
+            # What a term adds to a number that the vehicle file names may take it down to zero, and to its limit.
             given = _value(base, kind.info.id) if kind.info.id in quantities and info.support[0] == 0.0 else 0.0
-            lower, upper = info.bounds[0] - given, info.bounds[1]
+            lower, upper = info.bounds[0] - given, info.bounds[1] - given
             unknowns.append(
                 Unknown(
                     public,
@@ -160,7 +160,8 @@ def build_replay(gathered: Gathered, vehicle: Vehicle, prior_width: float = 2.0)
         if name not in infos or name == "flight.pump_rate":
             continue
         channels = _channels_of(name, owners)
-        unknowns.append(Unknown(name, name, "calibration", centres[name], sigma, groups_of(channels)))
+        least = SHORTEST * centres[name] if name == "flight.response_time" else -np.inf
+        unknowns.append(Unknown(name, name, "calibration", centres[name], sigma, groups_of(channels), least))
     there = {s.name for s in gathered.streams}
     wanted = {
         "inflection way": "displacement east", "pitch wander": "vertical speed", "pitch delay": "vertical speed",
@@ -451,6 +452,8 @@ def _predict(program: Program, values: Any, shapes: dict[str, Any]) -> dict[str,
 TURNING = 0.15
 #: s; in about this the speed answers to pitch that wanders, as recorded.
 WANDERING = 8.0
+#: Share of the expected response time that a fit may not go below: nothing answers before it is pushed.
+SHORTEST = 0.25
 _BATCH = 16
 #: Numbers of unknowns for which derivatives by some of them are compiled.
 FEW = (32,)

@@ -34,10 +34,10 @@ class HullCompressibility(AbstractTerm):
 
     compressibility: Scalar = parameter(
         Normal(0.0, 5e-10),
-        support=NEVER_NEGATIVE,
+        support=(0.0, 2e-9),
         unit="Pa-1",
         text="share of the hull volume lost per pascal beyond the base model",
-        source="5e-10 default of the Slocum flight model; 2.1e-10 to 6e-10 across vehicles",
+        source="5e-10 default of the Slocum flight model; 2.1e-10 to 6e-10 across vehicles, no hull near 2e-9",
     )
     info: ClassVar[TermInfo] = TermInfo(
         id="flight.hull_compressibility",
@@ -63,10 +63,10 @@ class ThermalExpansion(AbstractTerm):
 
     expansion: Scalar = parameter(
         Normal(0.0, 5e-5),
-        support=NEVER_NEGATIVE,
+        support=(0.0, 2e-4),
         unit="K-1",
         text="share of the hull volume gained per kelvin beyond the base model",
-        source="Seaglider 7.05e-5, Deepglider 6.2e-5, aluminium 7e-5",
+        source="Seaglider 7.05e-5, Deepglider 6.2e-5, aluminium 7e-5, hard plastics up to 2e-4",
     )
     reference_temperature: Scalar = reference_temperature()
     info: ClassVar[TermInfo] = TermInfo(
