@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from glider_jax.diagnosis import locate
 from glider_jax.diagnosis.page import page
 from glider_jax.physics.library import TERMS_BY_ID
 from glider_jax.physics.term import declared
@@ -133,7 +134,8 @@ def _before_after(row: Any, found: Finding, name: str) -> None:
     days = stream.time / 86400.0
     direction = stream.covariates.get("direction")
     key = next((k for k in ("depth", "heading", "temperature", "tide") if k in stream.covariates), "time")
-    x = stream.covariates[key] if key != "time" else days
+    unit, factor = locate.SHOWN[key]
+    x = factor * stream.covariates[key] if key != "time" else days
     for values, colour, label in ((before, "#7570b3", "before"), (after, "#1b9e77", "after")):
         for axis, at in ((row[0], days), (row[1], x)):
             axis.plot(
@@ -152,7 +154,7 @@ def _before_after(row: Any, found: Finding, name: str) -> None:
         axis.set_ylim(-limit, limit)
     row[0].set_ylabel(f"{name}\n({stream.shown})", fontsize=8)
     row[0].set_xlabel("days", fontsize=8)
-    row[1].set_xlabel(key.replace("_", " "), fontsize=8)
+    row[1].set_xlabel(f"{key} ({unit})", fontsize=8)
     row[0].legend(fontsize=6, ncols=2, loc="upper right")
 
 

@@ -90,7 +90,7 @@ class PitchDrift(AbstractTerm):
     rate: Scalar = parameter(
         Normal(0.0, 0.005 / 86400.0),
         unit="s-1",
-        text="true over measured pitch gained per second",
+        text="true over measured pitch gained in time",
         source="judgement",
         shown="1/day",
         shown_per_si=PER_DAY,

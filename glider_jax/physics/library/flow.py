@@ -35,7 +35,7 @@ class DragGrowth(AbstractTerm):
         Normal(0.0, 0.05 / 86400.0),
         support=NEVER_NEGATIVE,
         unit="s-1",
-        text="share of the parasite drag gained per second at sea",
+        text="share of the parasite drag gained in time at sea",
         source="0.7 % a day on comet in a North Sea summer; weed and barnacles faster: judgement",
         shown="1/day",
         shown_per_si=PER_DAY,

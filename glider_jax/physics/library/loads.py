@@ -119,7 +119,7 @@ class HotelGrowth(AbstractTerm):
     """The steady load creeps up."""
 
     rate: Scalar = parameter(
-        Normal(0.0, 0.1 / 86400.0), unit="W s-1", text="power gained per second",
+        Normal(0.0, 0.1 / 86400.0), unit="W s-1", text="power gained in time",
         support=NEVER_NEGATIVE,
         source="creeping drains of 0.05 to 0.3 W", shown="W/day", shown_per_si=PER_DAY,
     )  # fmt: skip
@@ -145,7 +145,7 @@ class LeakDrain(AbstractTerm):
     """A resistive leak that widens with time."""
 
     rate: Scalar = parameter(
-        Normal(0.0, 0.0005 / 86400.0), unit="S s-1", text="leak conductance gained per second",
+        Normal(0.0, 0.0005 / 86400.0), unit="S s-1", text="leak conductance gained in time",
         support=NEVER_NEGATIVE,
         source="0.1 W a day at 14 V: judgement", shown="mS/day", shown_per_si=1e3 * PER_DAY,
     )  # fmt: skip

@@ -156,7 +156,7 @@ class SalinityDrift(AbstractTerm):
     """The conductivity cell fouls, so the density drifts."""
 
     rate: Scalar = parameter(
-        Normal(0.0, 0.01 / 86400.0), unit="s-1", text="true minus measured practical salinity gained per second",
+        Normal(0.0, 0.01 / 86400.0), unit="s-1", text="true minus measured practical salinity gained in time",
         source="judgement: 0.1 of a fouled cell in days", shown="1/day", shown_per_si=PER_DAY,
     )  # fmt: skip
     contraction: Scalar = constant(
