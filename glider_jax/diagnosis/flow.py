@@ -231,10 +231,13 @@ def name_flow(found: Finding, content: dict[str, Any]) -> None:
     span = course.span[:, None]
     east, north = course.noise.rows
     still = np.stack([course.residual[east[: course.moved]], course.residual[north[: course.moved]]], axis=1)
+    left = left_over(course)
     content["held_out"]["figures"]["surfacing_error_m"] = {
-        when: float(np.median(np.hypot(*(miss * span).T)))
-        for when, miss in (("before", still), ("after", left_over(course)))
+        when: float(np.median(np.hypot(*(miss * span).T))) for when, miss in (("before", still), ("after", left))
     }
+    # The figures draw each segment with the flow that all others tell of.
+    for k, name in enumerate(("displacement east", "displacement north")):
+        found.whitened[name] = (still[:, k], left[:, k])
     if content["verdict"] == "nothing_missing":
         content["verdict"] = "explained"
     content["summary"] = summary_of(content["verdict"], content["effects"], content["unexplained"], content["warnings"])

@@ -101,7 +101,7 @@ def _effect(found: Finding, k: int) -> dict[str, Any]:
     touched = sorted({
         search.problem.names[int(s)]
         for i in pick.variant.columns
-        for s in np.unique(search.linear.stream[np.abs(search.linear.columns[:, i]) > 1e-9])
+        for s in np.unique(search.linear.stream[np.abs(search.linear.raw_columns[:, i]) > 1e-9])
     })  # fmt: skip
     gain, share = found.blocks.effects.get(id, (math.nan, math.nan))
     places = [p for p in found.before if p.stream in touched and p.p < 0.05]

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import jax
 import numpy as np
 import pytest
 
+from glider_jax.config import Quantity
 from glider_jax.errors import DataError
 from glider_jax.inference.replay import _faster, build_replay
 from glider_jax.inference.streams import gather
+from glider_jax.inference.windows import usual_rate
 from tests.diagnosis.worlds import fly, vehicle
 
 
@@ -117,3 +121,44 @@ def test_a_slow_glider_takes_longer_to_answer():
         speed = jax.numpy.array([0.2, 0.4, 0.0, 2.0])
         settled = jax.numpy.array([True, True, False, False])
         assert np.asarray(_faster(speed, settled)) == pytest.approx([2.0 / 3.0, 4.0 / 3.0, 0.5, 2.0])
+
+
+def test_the_warming_that_is_regressed_on_holds_no_heave():
+    """Water that heaves by decimetres moves the glider through layers; the covariate is layers times the usual speed."""
+    still = fly(0.8, noise=0.0)
+    heave = 0.4 * np.sin(2.0 * np.pi * still.time / 210.0)
+    depth = np.where(still["depth"] > 5.0, still["depth"] + heave, still["depth"])
+    moved = replace(still, channels=still.channels | {"depth": depth, "temperature": 290.0 - 0.1 * depth})
+    stream = gather(moved, vehicle()).stream("vertical speed")
+    down = stream.covariates["direction"] < 0.0
+    deep = stream.covariates["depth"] > 8.0
+    for way, sign in ((down, -1.0), (~down, 1.0)):
+        value, warming = stream.value[way & deep], stream.covariates["warming"][way & deep]
+        assert value.std() > 0.004 and (sign * warming > 0.0).all()
+        assert warming.mean() == pytest.approx(-0.1 * value.mean(), rel=0.03)
+        assert abs(np.corrcoef(value, warming)[0, 1]) < 0.4 and warming.std() < 0.05 * abs(warming.mean())
+
+
+def test_what_is_usual_goes_by_depth_and_direction():
+    """Medians over like depths of one direction: a few wild values change nothing, and dives are not climbs."""
+    depth = np.tile(np.linspace(0.0, 100.0, 60), 2)
+    direction = np.repeat([-1.0, 1.0], 60)
+    true = -direction * (0.2 + 0.001 * depth)
+    rate = true.copy()
+    rate[::7] += 0.5
+    found = usual_rate(depth, direction, rate)
+    assert np.abs(found - true).max() < 0.01
+    assert usual_rate(depth[:5], direction[:5], true[:5]) == pytest.approx(np.full(5, np.median(true[:5])))
+
+
+def test_hulls_have_limits_that_count_what_the_vehicle_file_says(world):
+    """No answer comes before the push, and what a hull yields beyond the vehicle file is the rest of what any yields."""
+    unknowns = {u.name: u for u in world[1].unknowns}
+    response = unknowns["flight.response_time"]
+    assert 0.0 < response.lower < 0.5 * response.centre
+    given = vehicle()
+    given = replace(given, quantities=given.quantities | {"flight.hull_compressibility": Quantity(5e-10, 1e-10, "Pa-1")})
+    with jax.enable_x64(True):
+        replay = build_replay(world[0], given)
+    squeezed = next(u for u in replay.unknowns if u.name == "flight.hull_compressibility.compressibility")
+    assert (squeezed.lower, squeezed.upper) == pytest.approx((-5e-10, 1.5e-9))
