@@ -124,7 +124,7 @@ def test_a_slow_glider_takes_longer_to_answer():
 
 
 def test_the_warming_that_is_regressed_on_holds_no_heave():
-    """Water that heaves by decimetres moves the glider through layers; the covariate is layers times the usual speed."""
+    """Water that heaves moves the glider through layers; the covariate is layers times the usual speed."""
     still = fly(0.8, noise=0.0)
     heave = 0.4 * np.sin(2.0 * np.pi * still.time / 210.0)
     depth = np.where(still["depth"] > 5.0, still["depth"] + heave, still["depth"])
@@ -152,12 +152,13 @@ def test_what_is_usual_goes_by_depth_and_direction():
 
 
 def test_hulls_have_limits_that_count_what_the_vehicle_file_says(world):
-    """No answer comes before the push, and what a hull yields beyond the vehicle file is the rest of what any yields."""
+    """No answer precedes the push, and a hull yields beyond the vehicle file the rest of what any yields."""
     unknowns = {u.name: u for u in world[1].unknowns}
     response = unknowns["flight.response_time"]
     assert 0.0 < response.lower < 0.5 * response.centre
     given = vehicle()
-    given = replace(given, quantities=given.quantities | {"flight.hull_compressibility": Quantity(5e-10, 1e-10, "Pa-1")})
+    squeezed = {"flight.hull_compressibility": Quantity(5e-10, 1e-10, "Pa-1")}
+    given = replace(given, quantities=given.quantities | squeezed)
     with jax.enable_x64(True):
         replay = build_replay(world[0], given)
     squeezed = next(u for u in replay.unknowns if u.name == "flight.hull_compressibility.compressibility")
