@@ -32,6 +32,8 @@ UNKNOWN_FLOW = (
     "navigation.mean_current", "navigation.tidal_current", "navigation.tide_k1", "navigation.inertial_oscillation",
 )  # fmt: skip
 FLOW_PARTS = (*UNKNOWN_FLOW, "navigation.tide_s2", "navigation.current_shear", "navigation.product_gain")
+#: What a replay cannot lack: it flies in the density that the glider recorded, not in a stated profile.
+STATED = "flight.density_contrast"
 #: Shapes at which columns are looked at, in standard deviations of the logarithm.
 SPREAD = (-1.2, 1.2)
 ONSETS = 12
@@ -193,7 +195,7 @@ class Looks:
         flow = not self.problem.gathered.product
         found = []
         for id, variants in by.items():
-            if flow and id in FLOW_PARTS:
+            if id == STATED or (flow and id in FLOW_PARTS):
                 continue
             odds = 0.0 if id in USUAL else -RARE
             alternatives = self._variants(id, variants)

@@ -13,6 +13,7 @@ import numpy as np
 
 from glider_jax import __version__
 from glider_jax.diagnosis import locate
+from glider_jax.diagnosis.candidates import STATED
 from glider_jax.diagnosis.quality import corrupt_legs, regime_changes
 from glider_jax.physics.library import CONFUSION_CLASSES, TERMS_BY_ID
 from glider_jax.physics.term import declared
@@ -393,4 +394,9 @@ def _not_found(found: Finding) -> list[dict[str, Any]]:
             "verdict": "not_supported" if testable else "not_testable", "minimum_detectable": parameters,
             "decided_by": TERMS_BY_ID[candidate.id].info.decided_by,
         })  # fmt: skip
+    info = TERMS_BY_ID[STATED].info
+    entries.append({
+        "id": STATED, "title": info.title, "evidence": None, "verdict": "not_testable", "minimum_detectable": [],
+        "decided_by": info.decided_by,
+    })  # fmt: skip
     return sorted(entries, key=lambda entry: -(entry["evidence"] or 0.0))
