@@ -14,7 +14,6 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.special import log_ndtr
 
-from glider_jax.inference.controls import AFTER_TURN
 from glider_jax.inference.noise import CourseNoise, LoadNoise, Noise, SeriesNoise, fit_noise
 from glider_jax.inference.replay import Replay
 from glider_jax.inference.streams import Gathered
@@ -23,9 +22,6 @@ from glider_jax.records import Array
 #: m s-1; how far from the truth a steady glide model may be at a depth, on dives and climbs each, and in layers where
 #: the temperature changes as fast as it does on average. Published vertical water velocities claim 4 to 5 mm/s.
 INADEQUACY, IN_LAYERS = 3e-4, 5e-4
-#: m s-1 and s; the same just after a turn, and how fast it fades: the fewer its wings lift, the longer a glider takes to
-#: come out of the steep fall that a turn begins with, and a lag of first order does not know that.
-SETTLING, SETTLES = 5e-3, 20.0
 NODES = 4
 #: Windows of quiet power up to which dives and climbs are whitened together.
 MOST_LOADS = 600
@@ -183,7 +179,7 @@ def make_problem(gathered: Gathered, replay: Replay) -> Problem:
 
 def inadequacy(gathered: Gathered) -> dict[str, Array]:
     """Columns of what a glide model may be wrong by: hats in depth, hats in temperature
-    where it changes fast, and what goes with the rate of warming and fades after a turn, on dives and climbs each."""
+    where it changes fast, and what goes with the rate of warming, on dives and on climbs each."""
     stream = gathered.stream("vertical speed")
     if stream is None or stream.n < 50:
         return {}
@@ -200,7 +196,6 @@ def inadequacy(gathered: Gathered) -> dict[str, Array]:
             for k in range(NODES):
                 columns.append(size * np.interp(x, nodes, np.eye(NODES)[k]) * mine)
         columns.append(IN_LAYERS * rapid * mine)
-        columns.append(SETTLING * np.exp((AFTER_TURN - stream.covariates["since_turn"]) / SETTLES) * mine)
     return {stream.name: np.stack(columns, axis=1)}
 
 
