@@ -26,7 +26,9 @@ EVIDENCE = (8.0, 12.0)
 #: The same for what a glide model is wrong by without any effect: smooth in the water's layers.
 LAYERED, LAYERED_EVIDENCE = frozenset({"depth", "temperature", "density", "since_turn"}), (10.0, 20.0)
 #: nats that a shape must earn on left-out dives, and by which it must beat a name to put that in doubt.
-LEAST_GAIN, BETTER = 3.0, 5.0
+LEAST_GAIN, BETTER = 3.0, 2.0
+#: Whitened change, per prior sd, that counts as moving a number.
+TOUCHED = 0.01
 #: Chance that the best of a stream's shapes has with half yos of random sign.
 CHANCE = 0.02
 #: nats from which a look is asked again with the noise that it leaves, and how many of a stream and covariate are.
@@ -99,7 +101,9 @@ def remainders(
             told |= set(look.shape.parts)
     for one in named:
         without = [i for i in active if i not in one.columns]
-        better = max(filter(_rivals, whole.beside(without)), key=lambda look: look.evidence, default=None)
+        moved = _moved(problem, linear, one.columns)
+        rivals = (look for look in whole.beside(without) if _rivals(look) and moved & set(look.shape.parts))
+        better = max(rivals, key=lambda look: look.evidence, default=None)
         if better is None or better.evidence < max(one.evidence + BETTER, _limits(better)[0]):
             continue
         better = whole.beside_waves(better, without)
@@ -130,6 +134,12 @@ def _telling(whole: Bank, active: list[int]) -> list[Look]:
         if asked.evidence > least and (asked.evidence > sure or whole.chance(asked, active) < CHANCE):
             found.append(asked)
     return sorted(found, key=lambda one: -one.evidence)
+
+
+def _moved(problem: Problem, linear: Linear, columns: Sequence[int]) -> set[str]:
+    """Streams that some columns move: a shape of another one has no say about them."""
+    told = np.abs(linear.columns[:, list(columns)]).max(axis=1) > TOUCHED
+    return {name for i, name in enumerate(problem.names) if told[linear.stream == i].any()}
 
 
 def _rivals(look: Look) -> bool:
