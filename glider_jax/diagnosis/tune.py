@@ -19,8 +19,9 @@ from glider_jax.records import Array
 if TYPE_CHECKING:
     from glider_jax.diagnosis.screen import Search
 
-#: Logarithm by which a shape is moved for its slope; steps, the longest and the shortest worth taking, in prior sds.
-NUDGE, STEPS, LONGEST, SHORTEST = 1e-3, 3, 0.5, 0.02
+#: Logarithm by which a shape is moved for its slope; steps, the longest of them in prior sds, and the shortest worth
+#: taking in sds of what the data leave open.
+NUDGE, STEPS, LONGEST, SHORTEST = 1e-3, 4, 0.5, 0.2
 
 
 def tune(search: Search) -> None:
@@ -33,9 +34,10 @@ def tune(search: Search) -> None:
         columns = np.concatenate([linear.columns[:, active], slopes], axis=1)
         known = np.append(linear.precision[active], np.ones(places.size))
         aimed = np.append(np.zeros(len(active)), -places)
-        found = np.linalg.solve(columns.T @ columns + np.diag(known), columns.T @ linear.residual + known * aimed)
+        covariance = np.linalg.inv(columns.T @ columns + np.diag(known))
+        found = covariance @ (columns.T @ linear.residual + known * aimed)
         step = np.clip(found[len(active) :], -LONGEST, LONGEST)
-        if np.abs(step).max() < SHORTEST * LONGEST:
+        if (np.abs(step) < SHORTEST * np.sqrt(np.diag(covariance)[len(active) :])).all():
             return
         before, picks, at = _fit(search, places), search.picks, (search.problem.values, search.problem.shapes)
         moved = {n: v * float(np.exp(s * f)) for (n, v), s, f in zip(at[1].items(), step, factors, strict=True)}
