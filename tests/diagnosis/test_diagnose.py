@@ -81,6 +81,8 @@ def test_what_was_not_found_has_a_smallest_size(diagnosed):
     """Every other effect says how large it would have had to be, and currents without wind cannot be tested."""
     _, found, _ = diagnosed
     others = {e["id"]: e for e in found["not_found"]}
+    # A replay flies in the density that was measured, so a stated profile cannot be at fault.
+    assert others["flight.density_contrast"]["verdict"] == "not_testable"
     assert others["navigation.leeway"]["verdict"] == "not_testable"
     ballast = others["flight.ballast_offset"]
     assert ballast["verdict"] == "not_supported" and 0.0 < ballast["minimum_detectable"][0]["minimum"] < 0.2
