@@ -12,6 +12,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from glider_jax.inference.fit import Column, Problem, heaving, inadequacy
+from glider_jax.inference.streams import Gathered
+from glider_jax.inference.unknowns import groups_of
 from glider_jax.physics.library import TERMS_BY_ID
 from glider_jax.physics.term import LogNormal, declared
 from glider_jax.records import Array
@@ -252,6 +254,12 @@ class Looks:
             cell = (edges[n], edges[n + 1])
             found.append(Variant(tuple(variants[v]), 0.0, shift=shift, start=start, cell=cell))
         return tuple(found)
+
+
+def untestable(gathered: Gathered) -> list[str]:
+    """Ids that no recording, or not this one, can speak of: a stated profile, and the glide of unknown buoyancy."""
+    glide = [id for id, kind in TERMS_BY_ID.items() if groups_of(kind.info.channels) == {"flight"} and id != STATED]
+    return [STATED, *([] if gathered.buoyancy_known else glide)]
 
 
 def widened(variants: tuple[Variant, ...]) -> tuple[Variant, ...]:

@@ -265,7 +265,7 @@ def _effect(found: Finding, told: dict[str, Any], parts: dict[str, tuple[float, 
     return {
         "id": ID, "title": UNKNOWN, "plain":
         f"Between fixes the water moved {100.0 * told['rms']:.0f} cm/s (rms), and the forecast did not know of it.",
-        "class": {"label": "unknown flow", "members": list(UNKNOWN_FLOW), "decided_by":
+        "class": {"label": "unknown flow", "members": list(UNKNOWN_FLOW), "twins": [], "decided_by":
                   "a current product; a longer record, to tell a steady current from tides"},
         "certain": True, "evidence": told["evidence"], "parameters": entries, "shapes": {}, "alternatives": [],
         "streams": ["displacement east", "displacement north"],

@@ -99,10 +99,23 @@ def _lead(effect: dict[str, Any]) -> str:
     or_twins = f" It could as well be {e(twins)}." if twins else ""
     single = len(effect["parameters"]) == 1 and effect["parameters"][0]["value"] < 0.0
     or_twins = (" Here the other way round: the number is negative." if single else "") + or_twins
+    if effect["class"]["twins"]:
+        or_twins += f" The measurements alone could not tell it from {', or from '.join(_twins(effect))}."
     return (
         f"<p class='card'><b>{e(effect['title'])}</b>{e(size_in_words(effect))} "
         f"<span class='tag'>{_sureness(effect)}</span><br>{e(effect['plain'])}{or_twins}</p>"
     )
+
+
+def _twins(effect: dict[str, Any]) -> list[str]:
+    """What fits as well and is not likely, with the size that it would have to have."""
+    told = []
+    for one in effect["class"]["twins"]:
+        size = f"{one['shown']['value']:.2g} {one['shown']['unit']}".removesuffix(" 1")
+        times = one["times_typical"]
+        why = f", {times:.0f} times its usual size" if times > 2.0 else ", which is rarer"
+        told.append(f"{e(spoken(one['title']))} ({e(size)}{why})")
+    return told
 
 
 def _changes(content: dict[str, Any]) -> str:
@@ -155,7 +168,7 @@ def _next_steps(content: dict[str, Any]) -> str:
             "beside this page."
         )
     for effect in content["effects"]:
-        if effect["alternatives"] and effect["class"]["decided_by"]:
+        if (effect["alternatives"] or effect["class"]["twins"]) and effect["class"]["decided_by"]:
             steps.append(f"To tell {e(spoken(effect['title']))} from its twins: {e(effect['class']['decided_by'])}.")
     unknown = undecided(content)
     if unknown:
@@ -320,7 +333,7 @@ def _limits(content: dict[str, Any]) -> str:
             if p["shown"]["minimum"] is not None
         )
         if entry["verdict"] == "not_testable":
-            sizes = "cannot be seen in this recording"
+            sizes = f"no likely size, only {sizes}" if sizes else "cannot be seen in this recording"
         rows += f"<tr><td>{e(entry['title'])}</td><td>{sizes}</td></tr>"
     return (
         "<h3>What was looked for and not found</h3><details><summary>Smallest size of each that would surely have been "

@@ -13,8 +13,9 @@ import numpy as np
 
 from glider_jax import __version__
 from glider_jax.diagnosis import locate
-from glider_jax.diagnosis.candidates import STATED
+from glider_jax.diagnosis.candidates import untestable
 from glider_jax.diagnosis.quality import corrupt_legs, regime_changes
+from glider_jax.diagnosis.twins import Twin, twins
 from glider_jax.physics.library import CONFUSION_CLASSES, TERMS_BY_ID
 from glider_jax.physics.term import declared
 
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
 FORMAT = "glider_jax diagnosis 1"
 #: Half width of a 90 % interval in standard deviations, and the signal-to-noise ratio that is surely detected.
 NINETY, SURE = 1.6449, 6.0
+#: Times its typical size beyond which an effect is not likely: one that shows only there cannot be tested.
+LIKELY = 5.0
 #: Share of a fitted value by which the steady replay itself may be off; widens every interval.
 REPLAY_ACCURACY = 0.015
 #: prior units; a calibration further out says that the vehicle file does not fit this glider.
@@ -96,8 +99,9 @@ def _effect(found: Finding, k: int) -> dict[str, Any]:
     alternatives = search.alternatives(k)
     near = {a for a, _ in alternatives}
     groups = [(label, m) for label, m in CONFUSION_CLASSES.items() if id in m]
-    alike = next(((label, m) for label, m in groups if near & set(m)), None)
-    members = [id, *(a for a, _ in alternatives)]
+    unlikely = [one for one in twins(search, found.mean, k) if one.id not in near]
+    members = [id, *(a for a, _ in alternatives), *(one.id for one in unlikely)]
+    alike = next(((label, m) for label, m in groups if set(members[1:]) & set(m)), None)
     evidence = search.losses()[k]
     touched = sorted({
         search.problem.names[int(s)]
@@ -113,7 +117,8 @@ def _effect(found: Finding, k: int) -> dict[str, Any]:
         "plain": info.plain,
         "class": {
             "label": alike[0] if alike else info.title.lower(),
-            "members": members if alternatives else [id],
+            "members": members,
+            "twins": [_twin(one) for one in unlikely],
             "decided_by": info.decided_by,
         },
         "certain": not alternatives,
@@ -131,6 +136,15 @@ def _effect(found: Finding, k: int) -> dict[str, Any]:
         "equation": info.equation,
         "reference": info.reference,
     }
+
+
+def _twin(one: Twin) -> dict[str, Any]:
+    info = declared(TERMS_BY_ID[one.id])[one.parameter]
+    return {
+        "id": one.id, "title": TERMS_BY_ID[one.id].info.title, "behind": number(one.behind), "name": info.name,
+        "value": number(one.value), "unit": info.unit, "times_typical": number(one.times),
+        "shown": {"unit": info.shown, "value": number(one.value * info.shown_per_si)},
+    }  # fmt: skip
 
 
 def _parameters(found: Finding, pick: Any, id: str) -> list[dict[str, Any]]:
@@ -388,15 +402,16 @@ def _not_found(found: Finding) -> list[dict[str, Any]]:
                 "shown": {"unit": info.shown, "minimum": number(size * info.shown_per_si)},
                 "typical": info.prior.sd,
             })  # fmt: skip
-        testable = any(p["minimum"] is not None and p["minimum"] < 30.0 * max(p["typical"], 1e-30) for p in parameters)
+        testable = any(p["minimum"] is not None and p["minimum"] < LIKELY * p["typical"] for p in parameters)
         entries.append({
             "id": candidate.id, "title": TERMS_BY_ID[candidate.id].info.title, "evidence": number(gain),
             "verdict": "not_supported" if testable else "not_testable", "minimum_detectable": parameters,
             "decided_by": TERMS_BY_ID[candidate.id].info.decided_by,
         })  # fmt: skip
-    info = TERMS_BY_ID[STATED].info
-    entries.append({
-        "id": STATED, "title": info.title, "evidence": None, "verdict": "not_testable", "minimum_detectable": [],
-        "decided_by": info.decided_by,
-    })  # fmt: skip
+    for id in untestable(found.gathered):
+        info = TERMS_BY_ID[id].info
+        entries.append({
+            "id": id, "title": info.title, "evidence": None, "verdict": "not_testable", "minimum_detectable": [],
+            "decided_by": info.decided_by,
+        })  # fmt: skip
     return sorted(entries, key=lambda entry: -(entry["evidence"] or 0.0))

@@ -24,7 +24,7 @@ FROM_FLOOR = 100.0
 
 def strokes(b: Builder):
     if b.power is None:
-        b.missing.append("no battery current: energy cannot be looked at")
+        b.missing.append(f"{win.why_no_power(b.recording)}: energy cannot be looked at")
         return {}, np.empty(0), np.empty(0)
     found = win.strokes(b.power, b.rows, b.ways, b.recording)
     ways = [win.sort_strokes([s for s in found if s.out == way]) for way in (True, False)]

@@ -126,6 +126,7 @@ def build_replay(gathered: Gathered, vehicle: Vehicle, prior_width: float = 2.0)
     zeros, unknowns = {}, []
     quantities = set(parameter_infos(base))
     for kind in candidates:
+        groups = groups_of(kind.info.channels)
         for name, info in declared(kind).items():
             public = f"{kind.info.id}.{name}"
             if info.role == "shape":
@@ -133,6 +134,9 @@ def build_replay(gathered: Gathered, vehicle: Vehicle, prior_width: float = 2.0)
             if info.role != "amplitude":
                 continue
             zeros[public] = 0.0
+            # A buoyancy made of the depth rate holds whatever moves the vertical speed: nothing can be asked of it.
+            if groups == {"flight"} and not gathered.buoyancy_known:
+                continue
             # What a term adds to a number that the vehicle file names may take it down to zero, and to its limit.
             given = _value(base, kind.info.id) if kind.info.id in quantities and info.support[0] == 0.0 else 0.0
             lower, upper = info.bounds[0] - given, info.bounds[1] - given
@@ -143,7 +147,7 @@ def build_replay(gathered: Gathered, vehicle: Vehicle, prior_width: float = 2.0)
                     "candidate",
                     0.0,
                     prior_width * info.prior.sd,
-                    groups_of(kind.info.channels),
+                    groups,
                     lower,
                     upper,
                 )  # fmt: skip

@@ -7,7 +7,7 @@ slope of depth over a window; a window belongs to a leg (half yo), a leg to a se
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -120,6 +120,8 @@ class Gathered:
     product: bool
     latitude: float
     odd_strokes: tuple[tuple[float, float], ...] = ()
+    #: False where the depth rate had to stand in for the pumped volume: what drives the glide is then no evidence.
+    buoyancy_known: bool = True
 
     def stream(self, name: str) -> Stream | None:
         """A stream by name, None where the recording does not have it."""
@@ -153,7 +155,7 @@ def gather(
             f"{unknown}: speed through the water is that of the recorded depth rate and pitch, and vertical speed is "
             "no evidence"
         )
-    return builder.build(turn)
+    return replace(builder.build(turn), buoyancy_known=not unknown)
 
 
 def yos_together(fresh: Array) -> Array:

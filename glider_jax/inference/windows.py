@@ -17,6 +17,8 @@ from glider_jax.records import Array, Recording
 
 #: s; longer rows are holes and end a window.
 LONGEST_ROW = 30.0
+#: Rows with a current, near enough to the one before, below which no power is summed.
+FEWEST_ROWS = 50
 #: A row that lasts this many times longer than usual follows one that was lost.
 LOST_ROW = 1.6
 #: Blocks per segment and phase into which quiet power is averaged.
@@ -49,11 +51,23 @@ class Window(NamedTuple):
     rows: int
 
 
+def why_no_power(recording: Recording) -> str:
+    """Why power cannot be summed over rows; empty where it can."""
+    time, _ = finite(recording, "current")
+    if time.size < FEWEST_ROWS:
+        return "no battery current"
+    near = np.diff(time) <= LONGEST_ROW
+    if near.sum() < FEWEST_ROWS:
+        every = float(np.median(np.diff(time)))
+        return f"the battery current is there every {every:.0f} s, sums need a row every {LONGEST_ROW:.0f} s"
+    return ""
+
+
 def power_rows(recording: Recording) -> Power | None:
-    """Rows with a current; None where no current was recorded."""
-    time, current = finite(recording, "current")
-    if time.size < 50:
+    """Rows with a current; None where :func:`why_no_power` says so."""
+    if why_no_power(recording):
         return None
+    time, current = finite(recording, "current")
     moments, volts = finite(recording, "battery_voltage_instant")
     if moments.size < 100:
         # A filtered voltage hides the sag of short pulses, so the instantaneous one comes first.

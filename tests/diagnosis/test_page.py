@@ -10,7 +10,7 @@ def effect(**other):
     return {
         "id": "flight.pitch_gain", "title": "Pitch scale", "plain": "All glides are flatter.", "tentative": False,
         "evidence": 50.0, "alternatives": [], "certain": True, "shapes": {}, "located": "On dives.",
-        "class": {"label": "pitch scale", "members": [], "decided_by": "a measured speed"},
+        "class": {"label": "pitch scale", "members": [], "twins": [], "decided_by": "a measured speed"},
         "parameters": [{"name": "gain", "value": -0.13, "sd": 0.01, "interval_90": [-0.15, -0.11], "unit": "1",
                         "text": "scale", "shown": {"unit": "%", "value": -13.0, "interval_90": [-15.0, -11.0]}}],
         "held_out": {"gain": 20.0, "folds_gaining": 1.0, "confirmed": True}, "equation": "x", "reference": "y",
@@ -53,6 +53,18 @@ def test_what_comes_first_is_what_a_pilot_needs():
     assert order == sorted(order)
     assert "2580" in text and "310" in text and "e+0" not in text
     assert "-13 %" in text and "cannot tell" in text
+
+
+def test_what_only_its_size_makes_unlikely_is_said():
+    """A twin that would have to be large is told with its size; the name stays sure."""
+    twin = {"id": "flight.salinity_bias", "title": "Salinity bias", "behind": 0.0, "name": "bias", "value": 0.6,
+            "unit": "1", "times_typical": 12.0, "shown": {"unit": "1", "value": 0.6}}  # fmt: skip
+    sure = effect(**{"class": {"label": "x", "members": [], "twins": [twin], "decided_by": "a second CTD"}})
+    text = page(content(sure), {})
+    assert "could not tell it from salinity bias (0.6, 12 times its usual size)" in text
+    assert "a second CTD" in text and ">sure<" in text
+    rare = effect(**{"class": sure["class"] | {"twins": [twin | {"times_typical": 0.4}]}})
+    assert "(0.6, which is rarer)" in page(content(rare), {})
 
 
 def test_a_near_twin_is_named_in_the_first_lines():

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import jax
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from glider_jax.diagnosis.candidates import untestable
 from glider_jax.diagnosis.proof.strength import steady
 from glider_jax.inference.controls import rows_of
 from glider_jax.inference.kinematics import from_depth_rate, glide_force, held, slope, why_unknown
+from glider_jax.inference.replay import build_replay
+from glider_jax.inference.streams import gather
 from glider_jax.readers.dead_reckoning import magnetic_variation
 from glider_jax.readers.dives import legs
 from tests.diagnosis.worlds import LATITUDE, fly, vehicle
@@ -41,12 +45,32 @@ def test_the_recorded_volume_comes_back_from_depth_and_pitch():
     assert np.all(np.sign(found.volume[glides]) == rows.direction[glides])
 
 
+def without_volume(recording):
+    """A recording without its pumped volume."""
+    channels = {k: v for k, v in recording.channels.items() if k != "pumped_volume"}
+    return type(recording)(**{**recording.__dict__, "channels": channels})
+
+
 def test_a_known_buoyancy_is_left_alone():
     """With the pumped volume the vehicle keeps its sigmas; without it the flight numbers are exact."""
     recording = fly(0.2)
     assert why_unknown(recording) == "" and held(vehicle(), recording) == vehicle()
-    channels = {k: v for k, v in recording.channels.items() if k != "pumped_volume"}
-    bare = type(recording)(**{**recording.__dict__, "channels": channels})
+    bare = without_volume(recording)
     assert "pumped volume" in why_unknown(bare)
     assert held(vehicle(), bare).quantities["flight.mass"].sigma == 0.0
     assert held(vehicle(), bare).quantities["energy.hotel"].sigma > 0.0
+
+
+def test_nothing_is_asked_of_a_glide_whose_buoyancy_is_unknown():
+    """A buoyancy made of the depth rate holds every error of the glide: its effects are not testable, not refuted."""
+    recording = fly(0.4)
+    with jax.enable_x64(True):
+        known, unknown = gather(recording, vehicle()), gather(without_volume(recording), vehicle())
+        asked, left = (
+            {u.term for u in build_replay(one, vehicle()).unknowns if u.kind == "candidate"} for one in (known, unknown)
+        )
+    assert known.buoyancy_known and not unknown.buoyancy_known
+    assert {"flight.ballast_offset", "flight.pitch_gain", "navigation.mean_current"} <= asked
+    assert not {id for id in left if id.startswith("flight.")}
+    assert {"navigation.mean_current", "sensor.pressure_offset"} <= left
+    assert set(untestable(known)) < set(untestable(unknown)) and asked - left <= set(untestable(unknown))

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from glider_jax.inference.windows import Stroke, Window, sort_strokes
+from glider_jax.inference.windows import Stroke, Window, power_rows, sort_strokes, why_no_power
+from tests.diagnosis.worlds import fly
 
 
 def strokes(odd=(), holes=(), count=40):
@@ -26,3 +27,17 @@ def test_dear_strokes_are_odd_and_holes_are_not():
     alike = {s.leg for s in found.alike}
     assert not alike & {3, 9, 15, 30} and 31 in alike
     assert all(excess > 50.0 for _, excess in found.odd)
+
+
+def test_a_current_that_is_rarely_there_is_no_power():
+    """A telemetered subset with a current every three minutes gives no sums, and says how often it would have to be."""
+    recording = fly(0.5)
+    assert why_no_power(recording) == "" and power_rows(recording) is not None
+    rare = recording.channels["current"].copy()
+    kept = np.searchsorted(recording.time, np.arange(recording.time[0], recording.time[-1], 180.0))
+    rare[np.setdiff1d(np.arange(rare.size), kept)] = np.nan
+    thin = type(recording)(**{**recording.__dict__, "channels": recording.channels | {"current": rare}})
+    assert power_rows(thin) is None and "every 18" in why_no_power(thin)
+    none = {k: v for k, v in recording.channels.items() if k != "current"}
+    bare = type(recording)(**{**recording.__dict__, "channels": none})
+    assert power_rows(bare) is None and why_no_power(bare) == "no battery current"

@@ -8,7 +8,7 @@ of a ``diagnosis.json``; what is read from the latter is ``verdict``, ``effects`
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -128,11 +128,18 @@ def _parameter(parameters: Any, name: str) -> tuple[float, float] | None:
 
 
 def judge(
-    truth: Mapping, diagnosis: Mapping, seconds: float, oracle: Mapping | None = None
+    truth: Mapping,
+    diagnosis: Mapping,
+    seconds: float,
+    oracle: Mapping | None = None,
+    natural: Collection[str] = (),
 ) -> dict[str, Any]:
-    """One case scored: what was concealed, what was named, and every yes or no of it."""
-    real, found = wanted(truth), named(diagnosis)
-    effects = [e for e in diagnosis.get("effects", []) if isinstance(e, Mapping)]
+    """One case scored: what was concealed, what was named, and every yes or no of it.
+
+    ``natural`` are names that a recording has without what was concealed in it; they are neither right nor wrong.
+    """
+    real, found = wanted(truth), [id for id in named(diagnosis) if id not in natural]
+    effects = [e for e in diagnosis.get("effects", []) if isinstance(e, Mapping) and e["id"] not in natural]
     stands_for = set().union(*(candidates(e) for e in effects)) if effects else set()
     first = candidates(effects[0]) if effects else set()
     verdict = diagnosis.get("verdict", "")
@@ -144,10 +151,12 @@ def judge(
         "truth": real,
         "strength": strength(truth) if math.isfinite(strength(truth)) else None,
         "named": found,
+        "natural": sorted(set(named(diagnosis)) & set(natural)),
         "verdict": verdict,
         "alarm": bool(found),
         "flagged": flagged,
-        "detected": bool(found) or flagged,
+        # A real recording may hold what nobody can explain without anything put in.
+        "detected": bool(found) or (flagged and truth["kind"] != "real"),
         "first_exact": bool(found) and found[0] in real,
         "first_class": bool(first & set(real)),
         "exact_set": sorted(found) == real,
@@ -203,7 +212,7 @@ def summary(results: Sequence[Mapping]) -> dict[str, Any]:
             "false alarm": share(r["alarm"] for r in by["null"]),
             "flagged unexplained": share(r["flagged"] for r in by["null"]),
         }
-    for kind in ("single", "pair"):
+    for kind in ("single", "pair", "real"):
         if by[kind]:
             bands = {f"{a:g}-{b:g}": [r for r in by[kind] if a <= r["strength"] < b] for a, b in BANDS}
             bands[f">={STRONG:g}"] = [r for r in by[kind] if r["strength"] >= STRONG]
@@ -213,14 +222,6 @@ def summary(results: Sequence[Mapping]) -> dict[str, Any]:
             "flagged unexplained": share(r["flagged"] for r in by["out"]),
             "named and not flagged": share(r["silent"] for r in by["out"]),
             "nothing said": share(not r["detected"] for r in by["out"]),
-        }
-    if by["real"]:
-        # An effect that is named of the untouched recording too was not found by what was put in.
-        new = [r | {"new": not set(r["truth"]) & set(r.get("natural", []))} for r in by["real"]]
-        out["real"] = {
-            "found": share(r["one_found"] and r["new"] for r in new),
-            "found by class": share(r["all_in_class"] and r["new"] for r in new),
-            "named as found already": share(not r["new"] for r in new),
         }
     strong = [r for r in by["single"] + by["pair"] if r["strength"] >= STRONG]
     out["coverage of 90 % intervals"] = share(c for r in strong for c in r["covered"])

@@ -27,13 +27,13 @@ import glider_jax
 from glider_jax.diagnosis.proof import cases as cases_
 from glider_jax.diagnosis.proof import spikes
 from glider_jax.diagnosis.proof.cases import CONFUSABLE, FURTHER, OUTSIDE, PUBLISHED, REGIONS, UNSEEN, Spec
-from glider_jax.diagnosis.proof.metrics import STRONG, confusion, judge, named, strength, summary, table
+from glider_jax.diagnosis.proof.metrics import STRONG, confusion, judge, strength, summary, table
 from glider_jax.errors import ConfigError, did_you_mean
 
 DIAGNOSIS = "glider_jax.diagnosis.run:diagnose"
 SETS = ("null", "single", "pair", "out", "real")
 SHARES = {"null": 0.25, "single": 0.45, "pair": 0.15, "out": 0.15}
-WEAKEST, STRONGEST = 2.0, 40.0
+WEAKEST, STRONGEST, SPIKED = 2.0, 40.0, 4.0
 # Options a diagnosis may offer; an ablation it does not offer is refused, not ignored.
 ABLATIONS: dict[str, dict[str, Any]] = {
     "independent-noise": {"noise": "independent"},
@@ -95,17 +95,31 @@ def draw_specs(count: int, seed: int, kind: str | None = None, further: bool = F
     return specs
 
 
-def draw_spikes(count: int, seed: int, real: Path) -> list[dict]:
-    """Truths of effects put into real recordings, each effect once before any comes twice."""
+def draw_spikes(count: int, seed: int, naturals: Mapping[str, Mapping]) -> list[dict]:
+    """Truths of effects put into real recordings, each that can be seen once before any comes twice.
+
+    Parameters
+    ----------
+    naturals : diagnosis of each untouched recording. An effect is put in where it would reach a ratio of 6 at a size
+        that is still likely, and drawn log-uniform between ``SPIKED`` and that size, at most ``STRONGEST``.
+    """
     rng = np.random.default_rng([seed, 5])
-    known = spikes.available(real)
+    known = []
+    for recording, natural in naturals.items():
+        for id in spikes.SIZES:
+            unit = spikes.ratio(id, natural)
+            if unit is not None and unit * spikes.LARGEST >= STRONG:
+                known.append((recording, id, unit))
+    if not known:
+        raise ConfigError("prove: none of the real recordings shows any of the effects that can be put in.")
     order = [known[i] for _ in range(count // len(known) + 1) for i in rng.permutation(len(known))][:count]
-    factors = rng.choice([0.5, 1.0, 2.0], count) * rng.choice([1.0, -1.0], count)
     out = []
-    for i, ((recording, id), factor) in enumerate(zip(order, factors, strict=True)):
-        one_way = id.startswith("energy.")
-        size = abs(float(factor)) if one_way else float(factor)
-        out.append(spikes.truth_of(recording, id, size, f"real{i + 1:03d}") | {"spec": None})
+    for i, (recording, id, unit) in enumerate(order):
+        low, high = np.log(SPIKED), np.log(min(STRONGEST, spikes.LARGEST * unit))
+        wanted = float(np.exp(rng.uniform(low, high)))
+        sign = 1.0 if id.startswith("energy.") else float(rng.choice([1.0, -1.0]))
+        name = f"real{i + 1:03d}"
+        out.append(spikes.truth_of(recording, id, sign * wanted / unit, name, wanted) | {"spec": None})
     return out
 
 
@@ -123,9 +137,11 @@ def seal(
     seed: int | None,
     kind: str | None,
     further: bool = False,
-    real: Path | None = None,
+    naturals: Callable[[], Mapping[str, Mapping]] | None = None,
 ) -> list[dict]:
     """Draw the truths of a run and publish their hashes; a run begun before is taken up as it was.
+
+    ``naturals`` diagnoses the untouched real recordings, for the set ``real``.
 
     Returns the truths. ``sealed.json`` holds hashes only; the truths lie in ``truths/``, which no diagnosis is given.
 
@@ -145,9 +161,9 @@ def seal(
     library = library_hash()
     chosen = secrets.randbelow(2**31) if seed is None else seed
     if kind == "real":
-        if real is None:
+        if naturals is None:
             raise ConfigError("prove: the set 'real' needs --real, the folder of the real recordings.")
-        drawn = draw_spikes(count, chosen, real)
+        drawn = draw_spikes(count, chosen, naturals())
     else:
         specs = draw_specs(count, chosen, kind, further)
         drawn = [cases_.draw_truth(spec) | {"spec": asdict(spec)} for spec in specs]
@@ -260,26 +276,25 @@ def run_case(out: Path, truth: Mapping, settings: Mapping[str, Any]) -> dict:
     wanted = settings["oracle"] and ids and truth["kind"] in ("single", "pair") and strength(truth) >= STRONG
     if wanted and accepts(diagnose, "only"):
         best = diagnose(folder, out / "diagnosed" / f"{name}_oracle", only=ids, **plain)
-    result = judge(truth, found, seconds, best)
-    if truth["kind"] == "real":
-        result["natural"] = _natural(out, truth, settings, diagnose)
+    before = spikes.stands_for(natural(out, truth["region"], settings)) if truth["kind"] == "real" else ()
+    result = judge(truth, found, seconds, best, before)
     _write(out / "results" / f"{name}.json", result)
     if not settings["keep"]:
         shutil.rmtree(folder)
     return result
 
 
-def _natural(out: Path, truth: Mapping, settings: Mapping[str, Any], diagnose: Callable) -> list[str]:
-    """What is named of a real recording without anything put in; diagnosed once per run."""
-    kept = out / "diagnosed" / f"natural_{truth['region']}.json"
+def natural(out: Path, recording: str, settings: Mapping[str, Any]) -> dict:
+    """Diagnosis of a real recording without anything put in, made once per run; ``settings`` as :func:`run_case`."""
+    kept = out / "natural" / f"{recording}.json"
     if not kept.exists():
-        folder = out / "cases" / f"natural_{truth['name']}"
-        spikes.write_spiked(folder, settings["real"], truth, plain=True)
+        diagnose = load_diagnosis(settings["diagnosis"])
+        folder = out / "cases" / f"natural_{recording}"
+        spikes.write_plain(folder, settings["real"], recording)
         plain = {"report": False} if accepts(diagnose, "report") else {}
-        found = diagnose(folder, out / "diagnosed" / f"natural_{truth['region']}", **plain)
-        _write(kept, {"named": named(found)})
+        _write(kept, diagnose(folder, out / "diagnosed" / f"natural_{recording}", **plain))
         shutil.rmtree(folder)
-    return json.loads(kept.read_text(encoding="utf-8"))["named"]
+    return json.loads(kept.read_text(encoding="utf-8"))
 
 
 def _write(path: Path, value: Mapping) -> None:
@@ -317,8 +332,9 @@ def prove(
     """
     load_diagnosis(diagnosis)
     out.mkdir(parents=True, exist_ok=True)
-    truths = seal(out, count, seed, kind, further, real)
     settings = {"diagnosis": diagnosis, "ablation": ablation, "oracle": oracle, "keep": keep, "real": real}
+    naturals = None if real is None else lambda: {one: natural(out, one, settings) for one in spikes.available(real)}
+    truths = seal(out, count, seed, kind, further, naturals)
     left = [t for t in interleaved(truths) if not (out / "results" / f"{t['name']}.json").exists()]
     said(f"{len(truths)} truths sealed in {out / 'sealed.json'}, {len(left)} cases to diagnose")
     failures: dict[str, str] = {}

@@ -23,6 +23,8 @@ Array = NDArray[np.float64]
 PARTS = 5  # a half yo is cut into fifths
 #: m; no vehicle file says how deep the gauge of a floating glider is to better than this.
 AFLOAT = 0.1
+#: V; nor what the open-circuit voltage of this very pack is.
+OPEN_CIRCUIT = 0.05
 SETTLED = 60.0  # s after an inflection that are left out
 
 # Sigma-carrying constants and the unit in which their signatures are differenced.
@@ -94,6 +96,8 @@ def _calibrated(world: World) -> Array:
         moved = replace(world.vehicle, **{name: getattr(world.vehicle, name) + world.sigma[name]})
         other = observe(replace(world, vehicle=moved), {})
         columns.append(_whiten(world, {k: other[k] - plain[k] for k in plain}))
+    still = {k: np.zeros_like(v) for k, v in plain.items()}
+    columns.append(_whiten(world, still | {"volts": np.full_like(plain["volts"], OPEN_CIRCUIT)}))
     # With a unit prior on each calibration in sigmas: r' (I + C C')^-1 r is what remains of a signature.
     c = np.stack(columns, axis=1)
     return np.linalg.qr(np.vstack([c, np.eye(c.shape[1])]))[0]

@@ -36,6 +36,7 @@ CONFUSION_CLASSES: dict[str, tuple[str, ...]] = {
         "energy.hotel_bias",
         "sensor.coulomb_gain",
         "sensor.current_gain",
+        "sensor.current_offset",
         "energy.fin_activity",
     ),
     "surfacing cost": ("energy.iridium_call", "energy.air_pump", "energy.surface_load"),

@@ -83,6 +83,8 @@ def test_calibrations_absorb_what_their_sigmas_allow():
     assert inside == pytest.approx(1.0, abs=0.25)
     drag = cases.SIGMA["parasite_drag"] / cases.VEHICLES[1].parasite_drag
     assert cases.signal_to_noise(world, {"flight.drag_bias.share": drag}) < 1.1
+    # Nor does what no vehicle file can state: the open-circuit voltage of this very pack.
+    assert cases.signal_to_noise(world, {"energy.voltage_offset.offset": 0.05}) < 1.1
 
 
 def test_an_effect_stays_within_what_is_sensible():
