@@ -247,8 +247,9 @@ def sentence(place: Place) -> str:
     elif place.covariate == "stroke":
         where = f"in {place.z:.0f} strokes, {100.0 * place.share:.0f} % of all"
     elif place.covariate == "dive":
-        digits = 1 if place.high - place.low > 0.3 else 2
-        where = f"most between day {place.low:.{digits}f} and {place.high:.{digits}f}"
+        span = place.high - place.low
+        unit, times, digits = ("day", 1.0, 1) if span > 0.3 else ("day", 1.0, 2) if span > 0.05 else ("hour", 24.0, 1)
+        where = f"most between {unit} {times * place.low:.{digits}f} and {times * place.high:.{digits}f}"
     else:
         name = place.covariate.replace("_", " ")
         zero, unit = (273.15, "degrees C") if place.unit == "K" else (0.0, place.unit)

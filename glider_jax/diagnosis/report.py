@@ -110,6 +110,7 @@ def figures(found: Finding, content: dict[str, Any]) -> dict[str, bytes]:
                 one.axis, one.curve - 1.64 * one.sd, one.curve + 1.64 * one.sd, color="#d95f02", alpha=0.25
             )
             axis.plot(one.axis, one.curve, color="#d95f02")
+            axis.ticklabel_format(axis="x", useOffset=False)
             axis.set_xlabel(f"{one.place.covariate.replace('_', ' ')} ({one.axis_unit})")
             axis.set_ylabel(f"{one.place.stream} ({one.unit})")
         pictures["unexplained"] = _png(figure)

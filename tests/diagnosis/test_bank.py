@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 
 from glider_jax.diagnosis import unexplained
 from glider_jax.diagnosis.bank import Bank, left_out, usual, worth
-from glider_jax.diagnosis.locate import sentence
+from glider_jax.diagnosis.locate import Place, sentence
 from glider_jax.diagnosis.shapes import bank
 from glider_jax.diagnosis.unexplained import Named, remainders
 from glider_jax.inference.fit import Column, Linear
@@ -70,6 +71,13 @@ def test_a_day_of_drag_is_found_where_it_was():
     assert one.place.size == pytest.approx(0.6, abs=0.15) and one.gain > 10.0
     assert sentence(one.place).startswith("The glider dives and climbs 0.")
     assert "slower than the model, most between day" in sentence(one.place)
+
+
+def test_a_short_time_is_told_in_hours():
+    """Minutes of a record are no span of days; hours of it are."""
+    place = Place("vertical speed", "dive", 0.01, 5.0, 0.012, 0.021, "d", "dive", -0.4, "cm/s", 0.2)
+    assert "most between hour 0.3 and 0.5" in sentence(place)
+    assert "most between day 0.01 and 0.21" in sentence(replace(place, high=0.21))
 
 
 def test_internal_waves_are_no_drag():
