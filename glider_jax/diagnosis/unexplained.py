@@ -22,15 +22,15 @@ from glider_jax.readers.dead_reckoning import finite
 from glider_jax.records import Array, Recording
 
 #: nats: evidence from which a shape is told if chance does not give it, and from which whatever chance says.
-EVIDENCE = (8.0, 12.0)
+EVIDENCE = (6.0, 12.0)
 #: The same for what a glide model is wrong by without any effect: smooth in the water's layers.
 LAYERED, LAYERED_EVIDENCE = frozenset({"depth", "temperature", "density", "since_turn"}), (10.0, 20.0)
 #: nats that a shape must earn on left-out dives, and by which it must beat a name to put that in doubt.
 LEAST_GAIN, BETTER = 3.0, 2.0
 #: Whitened change, per prior sd, that counts as moving a number.
 TOUCHED = 0.01
-#: Chance that the best of a stream's shapes has with half yos of random sign.
-CHANCE = 0.02
+#: Chance that the best of a stream's shapes has with half yos of random sign, which is asked beside the evidence.
+CHANCE = 0.05
 #: nats from which a look is asked again with the noise that it leaves, and how many of a stream and covariate are.
 WORTH_ASKING, MOST_ASKED = 0.5, 2
 #: Share of what a number usually scatters by, below which structure is not worth a word.
