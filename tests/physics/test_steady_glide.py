@@ -113,16 +113,20 @@ def as_arrays(numbers, dtype=jnp.float64):
     lift=st.floats(5.0, 9.0),
 )
 def test_attack_angle_solves_its_equation(pitch, parasite, induced, lift):
-    """The root satisfies the balance to rounding, and no smaller angle does."""
+    """The root satisfies the balance to rounding, and no smaller angle does; flat glides of much drag have none."""
     with jax.enable_x64(True):
         a = float(attack_angle(*(jnp.asarray(x, jnp.float64) for x in (pitch, parasite, induced, lift))))
 
     def residual(x):
         return parasite + induced * x**2 - lift * x * np.tan(np.minimum(pitch + x, 1.5))
 
-    if a < 0.17:
-        assert abs(residual(a)) < 1e-9
+    # Where drag and lift only just meet, or only just miss, a few steps of Newton's method do not end.
+    least = residual(np.linspace(0.0, 0.17, 1000)).min()
+    if least < -0.01:
+        assert abs(residual(a)) < 1e-8
         assert np.all(residual(np.linspace(0.0, a * 0.999, 200)) > 0.0)
+    elif least > 0.01:
+        assert a > 0.17
 
 
 def test_climb_and_dive_mirror_each_other():
