@@ -34,7 +34,8 @@ class Rows:
     """Rows with a depth, thinned; all arrays (row,), SI.
 
     ``leg`` is the index of the leg or -1, ``direction`` +1 climb, -1 dive, 0 surface. ``settled`` marks steady
-    glides. ``since_turn`` s since the leg began, ``since_surfacing`` s since the glider left the surface.
+    glides, ``controlled`` where pitch and pumped volume were recorded. ``since_turn`` s since the leg began,
+    ``since_surfacing`` s since the glider left the surface.
     """
 
     time: Array
@@ -55,6 +56,7 @@ class Rows:
     since_surfacing: Array
     turns: Array
     sampled: Array
+    controlled: Array
     lag: float
 
 
@@ -109,15 +111,17 @@ def rows_of(recording: Recording, ways: list[Leg], turn: Variation, latitude: fl
     settled &= np.where(inside, ends[leg] - time, 0.0) > 10.0
     salinity_known, temperature, density, lag = _water(recording, time, depth, ways, latitude)
     heading = _heading(recording, time, turn)
+    # Across a longer hole a control is no evidence, but what glides into the hole comes out of it.
+    bridged = {name: np.nan_to_num(at(recording, name, time, np.inf)) for name in ("pitch", "pumped_volume")}
     fill = lambda name, other: np.nan_to_num(at(recording, name, time, 600.0), nan=other)  # noqa: E731
     battery = at(recording, "vehicle_temperature", time, 3600.0)
     return Rows(
         time=time,
         depth=depth,
-        pitch=calm(time, np.nan_to_num(pitch), settled, leg, block),
+        pitch=calm(time, bridged["pitch"], settled, leg, block),
         heading=heading,
         roll=fill("roll", 0.0),
-        volume=calm(time, np.nan_to_num(volume), settled, leg, block),
+        volume=calm(time, bridged["pumped_volume"], settled, leg, block),
         temperature=temperature,
         density=density,
         battery_temperature=np.where(np.isfinite(battery), battery, _lagged(time, temperature, 2400.0)),
@@ -130,6 +134,7 @@ def rows_of(recording: Recording, ways: list[Leg], turn: Variation, latitude: fl
         since_surfacing=np.where(inside, time - dive_start[leg], 0.0),
         turns=np.where(inside, leg, np.maximum.accumulate(leg)).astype(float),
         sampled=np.isfinite(pitch) & np.isfinite(heading),
+        controlled=np.isfinite(pitch) & np.isfinite(volume),
         lag=lag,
     )
 

@@ -45,6 +45,7 @@ def fill(inputs: Inputs) -> Inputs:
         rows={name: edge(np.asarray(values), long) for name, values in inputs.rows.items()},
         step=constant(inputs.step, 0.0),
         direction=constant(inputs.direction, 0.0),
+        follows=constant(inputs.follows, False),
         wander=constant(inputs.wander, 0.0),
         wander_rate=constant(inputs.wander_rate, 0.0),
         window=constant(inputs.window, -1),

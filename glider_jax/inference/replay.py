@@ -22,8 +22,9 @@ import numpy as np
 from glider_jax.config import Vehicle
 from glider_jax.inference.filled import LEAST_WINDOWS, fill, ladder
 from glider_jax.inference.instruments import FROM_FLOOR
+from glider_jax.inference.settling import AXIAL, Forces, left_behind
 from glider_jax.inference.streams import Gathered, Inputs, Sizes
-from glider_jax.inference.unknowns import AXIAL, GAUGE_DEPTH, NUISANCES, RESPONSE_SHARE, Unknown, groups_of
+from glider_jax.inference.unknowns import GAUGE_DEPTH, NUISANCES, RESPONSE_SHARE, Unknown, groups_of
 from glider_jax.physics.battery import Pack, build_pack
 from glider_jax.physics.flight import Glide, steady_glide
 from glider_jax.physics.library import LIBRARY
@@ -36,7 +37,7 @@ from glider_jax.physics.model import (
     with_candidates,
     with_parameters,
 )
-from glider_jax.physics.term import Channel, Sample, declared
+from glider_jax.physics.term import Channel, Sample, declared, safe_sqrt
 from glider_jax.records import Array
 
 
@@ -47,6 +48,7 @@ class Program(eqx.Module):
     pack: Pack
     inputs: Inputs
     scales: Array
+    drag: Array
     sizes: Sizes = eqx.field(static=True)
     names: tuple[str, ...] = eqx.field(static=True)
     groups: tuple[frozenset[str], ...] = eqx.field(static=True)
@@ -179,35 +181,43 @@ def build_replay(gathered: Gathered, vehicle: Vehicle, prior_width: float = 2.0)
             # A general curve of a kind of pack is not this pack's; two points were given for this very one.
             loose = 8.0 if wanted[one.name] == "battery voltage" and len(vehicle.battery.voltage_curve) > 2 else 1.0
             unknowns.append(Unknown(one.name, one.name, "nuisance", 0.0, loose * one.sd, frozenset({one.group})))
-    return Replay(_program(gathered, model, vehicle, unknowns), tuple(unknowns), _places(gathered))
+    return Replay(_program(gathered, model, vehicle, unknowns, usual_drag(gathered, base)), tuple(unknowns), _places(gathered))
 
 
 def response_of(gathered: Gathered, base: FlightModel) -> float:
     """Time in s in which the speed along the path answers: (1 + k) m U over twice the drag, as recorded."""
+    if np.count_nonzero(gathered.rows.settled) < FEWEST:
+        return _value(base, "flight.response_time")
+    rows, mass, area = gathered.rows, _value(base, "flight.mass"), _value(base, "flight.wing_area")
+    density = float(np.median(rows.density[rows.settled]))
+    return float(np.clip((1.0 + AXIAL) * mass / (density * area * usual_drag(gathered, base)), 4.0, 30.0))
+
+
+def usual_drag(gathered: Gathered, base: FlightModel) -> float:
+    """Drag coefficient times speed along the path, m s-1, of the base model at the depth rates and pitch recorded."""
     rows = gathered.rows
     rate = np.abs(np.gradient(rows.depth, rows.time))[rows.settled]
-    if rate.size < 30:
-        return _value(base, "flight.response_time")
-    mass, parasite, induced, lift, area = (
-        _value(base, f"flight.{name}") for name in ("mass", "parasite_drag", "induced_drag", "lift_slope", "wing_area")
-    )
+    parasite, induced, lift = (_value(base, f"flight.{n}") for n in ("parasite_drag", "induced_drag", "lift_slope"))
+    if rate.size < FEWEST:
+        return parasite * USUAL_SPEED
     pitch = float(np.median(np.abs(rows.pitch[rows.settled])))
     attack = 0.03
     for _ in range(8):
         attack = min((parasite + induced * attack * attack) / (lift * np.tan(pitch + attack)), 0.3)
     speed = float(np.median(rate)) / np.sin(pitch + attack)
-    density = float(np.median(rows.density[rows.settled]))
-    drag = density * area * (parasite + induced * attack * attack) * max(speed, 0.05)
-    return float(np.clip((1.0 + AXIAL) * mass / drag, 4.0, 30.0))
+    return float((parasite + induced * attack * attack) * max(speed, 0.05))
 
 
-def _program(gathered: Gathered, model: FlightModel, vehicle: Vehicle, unknowns: list[Unknown]) -> Program:
+def _program(
+    gathered: Gathered, model: FlightModel, vehicle: Vehicle, unknowns: list[Unknown], usual: float
+) -> Program:
     filled = jax.tree.map(jnp.asarray, fill(gathered.inputs))
     return Program(
         model=jax.tree.map(jnp.asarray, model),
         pack=jax.tree.map(jnp.asarray, build_pack(vehicle.battery, dtype=np.float64)),
         inputs=filled,
         scales=jnp.asarray([u.scale for u in unknowns], jnp.float64),
+        drag=jnp.asarray(usual, jnp.float64),
         sizes=Sizes(ladder(gathered.sizes.window, LEAST_WINDOWS), *(ladder(n) for n in gathered.sizes[1:])),
         names=tuple(u.name for u in unknowns),
         groups=tuple(u.groups for u in unknowns),
@@ -257,16 +267,16 @@ def _total(model: FlightModel, channel: Channel, sample: Sample) -> Any:
     return jax.vmap(lambda s: model.total(channel, s))(sample)
 
 
-def _glide(model: FlightModel, sample: Sample) -> Glide:
-    """Steady glide in two rounds: terms that read the speed get that of the first, held constant.
+def _glide(model: FlightModel, sample: Sample, inputs: Inputs) -> tuple[Glide, Any]:
+    """Glides of all rows and their drag coefficients, in two rounds: terms that read the speed get that of a steady first, held constant.
 
     The model's own rounds to a fixed point would cost each derivative five glides; what is lost is of second order.
     """
-    sample = model.complete(sample)
+    sample = jax.vmap(model.complete)(sample)
 
-    def once(row: Sample) -> Glide:
+    def forces(row: Sample) -> Forces:
         drag = jnp.exp(model.total(Channel.LOG_DRAG, row))
-        return steady_glide(
+        return Forces(
             net_buoyancy=model.total(Channel.NET_BUOYANCY, row),
             pitch=row.pitch + model.total(Channel.PITCH, row),
             density=row.density,
@@ -274,21 +284,31 @@ def _glide(model: FlightModel, sample: Sample) -> Glide:
             parasite=model.total(Channel.DRAG_COEFFICIENT, row) * drag,
             induced=model.total(Channel.INDUCED_DRAG, row) * drag,
             lift=model.total(Channel.LIFT_SLOPE, row) * jnp.exp(model.total(Channel.LOG_LIFT, row)),
-            # A recorded glide did not stall, and a fit on its way to weak lift needs a slope.
-            stall_angle=jnp.inf,
-            thrust=model.total(Channel.THRUST, row) if model.has(Channel.THRUST) else None,
-            water_up=model.total(Channel.VERTICAL_WATER_VELOCITY, row),
-            speed_factor=jnp.exp(model.total(Channel.LOG_SPEED, row)),
+            thrust=model.total(Channel.THRUST, row),
+            mass=row.mass,
         )
 
-    first = jax.lax.stop_gradient(once(sample))
-    return once(
+    def steady(acting: Forces) -> Glide:
+        # A recorded glide did not stall, and a fit on its way to weak lift needs a slope.
+        return steady_glide(**{k: v for k, v in acting._asdict().items() if k != "mass"}, stall_angle=jnp.inf)
+
+    first = jax.lax.stop_gradient(jax.vmap(lambda row: steady(forces(row)))(sample))
+    acting = jax.vmap(forces)(
         sample._replace(
             speed_through_water=first.speed_through_water,
             angle_of_attack=first.angle_of_attack,
             glide_angle=first.glide_angle,
         )
     )
+    glide = jax.vmap(steady)(acting)
+    # What a turn leaves behind; pitch that wanders is answered elsewhere, with what a recording blurs of it left open.
+    usual = acting._replace(pitch=acting.pitch - inputs.wander)
+    attack = glide.angle_of_attack + left_behind(usual, jax.vmap(steady)(usual), inputs.step, inputs.follows)
+    path = acting.pitch + attack
+    along = jnp.maximum(acting.net_buoyancy * jnp.sin(path) + acting.thrust, 0.0)
+    drag = acting.parasite + acting.induced * attack * attack
+    speed = safe_sqrt(2.0 * along / (acting.density * acting.area * drag))
+    return glide._replace(speed_through_water=speed, angle_of_attack=attack, glide_angle=path), drag
 
 
 def _motion(program: Program, values: Any, shapes: dict[str, Any]) -> dict[str, Any]:
@@ -303,7 +323,7 @@ def _motion(program: Program, values: Any, shapes: dict[str, Any]) -> dict[str, 
     stray = extra["pitch wander"] * inputs.wander + extra["pitch delay"] * inputs.wander_rate
     sample = sample._replace(pitch=sample.pitch + stray)
     wet = inputs.direction != 0.0
-    glide = jax.vmap(lambda row: _glide(model, row))(sample)
+    glide, drag = _glide(model, sample, inputs)
     tau = _total(model, Channel.RESPONSE_TIME, sample)
     water = _total(model, Channel.VERTICAL_WATER_VELOCITY, sample)
     down, ahead = -jnp.sin(glide.glide_angle), jnp.cos(glide.glide_angle)
@@ -314,7 +334,7 @@ def _motion(program: Program, values: Any, shapes: dict[str, Any]) -> dict[str, 
     usual = jnp.maximum(path - inputs.wander * jnp.sign(glide.glide_angle), 0.05)
     calm = steady * jnp.sqrt(jnp.sin(usual) / jnp.sin(path))
     sinking = -jnp.sin(usual) * jnp.sign(glide.glide_angle)
-    tau = tau * _faster(steady, inputs.window >= 0) ** (extra["lag by speed"] - 1.0)
+    tau = tau * _slower(steady, drag, program.drag) * _faster(steady, inputs.window >= 0) ** extra["lag by speed"]
     times = jnp.stack([tau, jnp.full_like(tau, WANDERING) + extra["wander lag"], tau], axis=1)
     base, rest, lagged = _respond(jnp.stack([calm, steady - calm, calm * sinking], axis=1), inputs.step, times)
     speed = base + rest
@@ -355,11 +375,14 @@ def _motion(program: Program, values: Any, shapes: dict[str, Any]) -> dict[str, 
     return found
 
 
-def _faster(speed: Any, settled: Any) -> Any:
-    """Speeds over their mean in settled glides, within a factor of two.
+def _slower(speed: Any, drag: Any, usual: Any) -> Any:
+    """Response times over that of the usual glide, within a factor of two: in inverse proportion to drag and speed."""
+    pace = jax.lax.stop_gradient(speed * drag)
+    return jnp.clip(usual / jnp.maximum(pace, 1e-6), 0.5, 2.0)
 
-    Drag goes with the square of the speed, so a slow glider takes longer to answer: in inverse proportion.
-    """
+
+def _faster(speed: Any, settled: Any) -> Any:
+    """Speeds over their mean in settled glides, within a factor of two."""
     speed = jax.lax.stop_gradient(speed)
     mean = jnp.sum(jnp.where(settled, speed, 0.0)) / jnp.maximum(jnp.sum(settled), 1)
     return jnp.clip(speed / jnp.maximum(mean, 1e-3), 0.5, 2.0)
@@ -454,6 +477,8 @@ def _predict(program: Program, values: Any, shapes: dict[str, Any]) -> dict[str,
 
 #: m s-1; vertical speed at which the depth past a turn is told, so that its time is told by faster and slower turns.
 TURNING = 0.15
+#: Settled rows below which a recording says nothing of its usual glide, and m s-1, what is then expected of it.
+FEWEST, USUAL_SPEED = 30, 0.3
 #: s; in about this the speed answers to pitch that wanders, as recorded.
 WANDERING = 8.0
 #: Share of the expected response time that a fit may not go below: nothing answers before it is pushed.

@@ -24,6 +24,8 @@ from glider_jax.readers.dives import Leg, legs, surfacings
 from glider_jax.readers.segments import Segment, dive_segments
 from glider_jax.records import Array, BathymetryGrid, CurrentGrid, Recording
 
+#: s; over longer steps no angle of attack is followed: the glide is steady within one.
+LONGEST_STEP = 12.0
 #: Fewer dives between surfacings are cut into blocks of some yos each.
 FEW_BLOCKS = 8
 #: s; length of a window of vertical speed.
@@ -69,6 +71,7 @@ class Inputs(NamedTuple):
     rows: dict[str, Array]
     step: Array
     direction: Array
+    follows: Array
     wander: Array
     wander_rate: Array
     window: Array
@@ -222,7 +225,7 @@ class Builder:
             )
         inputs = Inputs(
             rows=fields, step=np.clip(np.diff(rows.time, prepend=rows.time[0]), 0.0, 600.0),
-            direction=rows.direction, **self._wander(), window=window, window_weight=weight,
+            direction=rows.direction, follows=self._followed(), **self._wander(), window=window, window_weight=weight,
             course=course, course_share=course_share, drift=drift, drift_share=drift_share,
             product_east=fields["surface_current_east"], product_north=fields["surface_current_north"],
             events=events, event_out=out, event_seconds=seconds, loads=loads, load_surface=surface, pulses=pulses,
@@ -372,6 +375,13 @@ class Builder:
             pitch=np.abs(rows.pitch[mid]), roll=rows.roll[mid],
         )  # fmt: skip
         return index, weight
+
+    def _followed(self):
+        """Rows whose angle of attack follows from the row before: under water, soon after it, driven by what is known."""
+        rows = self.rows
+        soon = np.diff(rows.time, prepend=rows.time[0]) <= LONGEST_STEP
+        known = rows.controlled & np.append(False, rows.controlled[:-1])
+        return soon & known & (rows.direction != 0.0) & rows.settled.any()
 
     def _wander(self):
         """Pitch of settled glide against its half yo's mean, rad, and its rate."""

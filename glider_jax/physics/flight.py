@@ -14,7 +14,7 @@ from jax import Array, lax
 from glider_jax.physics.term import Scalar, safe_sqrt
 
 _STEEPEST = 1.5
-_LARGEST_ATTACK = 0.6
+LARGEST_ATTACK = 0.6
 _NEWTON_STEPS = 4
 
 
@@ -70,7 +70,7 @@ def attack_angle(
         bend = secant * secant + push * secant * tangent
         residual = parasite + induced * a * a - lift * a * slope
         steepness = jnp.minimum(2.0 * induced * a - lift * (slope + a * bend), -1e-3 * lift)
-        return jnp.clip(a - residual / lax.stop_gradient(steepness), 0.0, _LARGEST_ATTACK)
+        return jnp.clip(a - residual / lax.stop_gradient(steepness), 0.0, LARGEST_ATTACK)
 
     a = jnp.zeros_like(pitch)
     for _ in range(_NEWTON_STEPS):
