@@ -34,7 +34,7 @@ class Nuisance:
 
 
 NUISANCES: tuple[Nuisance, ...] = (
-    Nuisance("inflection way", 0.06, "1", "flight", "way made good while turning, share beyond the model's"),
+    Nuisance("inflection way", 0.03, "1", "flight", "way made good while turning, share beyond the model's"),
     Nuisance("pitch wander", 0.3, "1", "flight", "answer to pitch that wanders within a half yo, more than all"),
     Nuisance("pitch delay", 2.0, "s", "flight", "time by which that answer comes early"),
     Nuisance("wander lag", 5.0, "s", "flight", "time in which the speed answers to it, beyond 8 s"),

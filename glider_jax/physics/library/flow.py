@@ -129,7 +129,7 @@ class LiftLoss(AbstractTerm):
     loss: Scalar = parameter(
         Normal(0.0, 0.2),
         support=(-0.6, 0.9),
-        looks=(0.3, 0.5),
+        looks=(0.3, 0.4),
         unit="1",
         text="lift slope lost, as a share of the base model's",
         source="judgement: hull part 2.4 to 3.8 across calibrations",
