@@ -22,7 +22,7 @@ import numpy as np
 from glider_jax.config import Vehicle
 from glider_jax.inference.filled import LEAST_WINDOWS, fill, ladder
 from glider_jax.inference.instruments import FROM_FLOOR
-from glider_jax.inference.settling import AXIAL, Forces, left_behind
+from glider_jax.inference.settling import AXIAL, NORMAL, Forces, motion
 from glider_jax.inference.streams import Gathered, Inputs, Sizes
 from glider_jax.inference.unknowns import GAUGE_DEPTH, NUISANCES, RESPONSE_SHARE, Unknown, groups_of
 from glider_jax.physics.battery import Pack, build_pack
@@ -37,7 +37,7 @@ from glider_jax.physics.model import (
     with_candidates,
     with_parameters,
 )
-from glider_jax.physics.term import Channel, Sample, declared, safe_sqrt
+from glider_jax.physics.term import Channel, Sample, declared
 from glider_jax.records import Array
 
 
@@ -267,8 +267,8 @@ def _total(model: FlightModel, channel: Channel, sample: Sample) -> Any:
     return jax.vmap(lambda s: model.total(channel, s))(sample)
 
 
-def _glide(model: FlightModel, sample: Sample, inputs: Inputs) -> tuple[Glide, Any]:
-    """Glides of all rows and their drag coefficients, in two rounds: terms that read the speed get that of a steady first, held constant.
+def _acting(model: FlightModel, sample: Sample, along: Any) -> tuple[Forces, Glide]:
+    """Forces of all rows and the steady glides under them; terms that read the speed get that of a first, held constant.
 
     The model's own rounds to a fixed point would cost each derivative five glides; what is lost is of second order.
     """
@@ -285,14 +285,11 @@ def _glide(model: FlightModel, sample: Sample, inputs: Inputs) -> tuple[Glide, A
             induced=model.total(Channel.INDUCED_DRAG, row) * drag,
             lift=model.total(Channel.LIFT_SLOPE, row) * jnp.exp(model.total(Channel.LOG_LIFT, row)),
             thrust=model.total(Channel.THRUST, row),
-            mass=row.mass,
+            along=0.0,
+            across=(1.0 + NORMAL) * row.mass,
         )
 
-    def steady(acting: Forces) -> Glide:
-        # A recorded glide did not stall, and a fit on its way to weak lift needs a slope.
-        return steady_glide(**{k: v for k, v in acting._asdict().items() if k != "mass"}, stall_angle=jnp.inf)
-
-    first = jax.lax.stop_gradient(jax.vmap(lambda row: steady(forces(row)))(sample))
+    first = jax.lax.stop_gradient(jax.vmap(lambda row: _steady(forces(row)))(sample))
     acting = jax.vmap(forces)(
         sample._replace(
             speed_through_water=first.speed_through_water,
@@ -300,43 +297,61 @@ def _glide(model: FlightModel, sample: Sample, inputs: Inputs) -> tuple[Glide, A
             glide_angle=first.glide_angle,
         )
     )
-    glide = jax.vmap(steady)(acting)
-    # What a turn leaves behind; pitch that wanders is answered elsewhere, with what a recording blurs of it left open.
-    usual = acting._replace(pitch=acting.pitch - inputs.wander)
-    attack = glide.angle_of_attack + left_behind(usual, jax.vmap(steady)(usual), inputs.step, inputs.follows)
-    path = acting.pitch + attack
-    along = jnp.maximum(acting.net_buoyancy * jnp.sin(path) + acting.thrust, 0.0)
-    drag = acting.parasite + acting.induced * attack * attack
-    speed = safe_sqrt(2.0 * along / (acting.density * acting.area * drag))
-    return glide._replace(speed_through_water=speed, angle_of_attack=attack, glide_angle=path), drag
+    return acting._replace(along=along), jax.vmap(_steady)(acting)
+
+
+def _steady(acting: Forces) -> Glide:
+    """The steady glide under some forces. A recorded glide did not stall, and a fit near weak lift needs a slope."""
+    return steady_glide(
+        net_buoyancy=acting.net_buoyancy, pitch=acting.pitch, density=acting.density, area=acting.area,
+        parasite=acting.parasite, induced=acting.induced, lift=acting.lift, thrust=acting.thrust, stall_angle=jnp.inf,
+    )  # fmt: skip
+
+
+def _wandered(acting: Forces, stray: Any) -> tuple[Any, Any]:
+    """What pitch that strays adds to a steady glide's speed and angle of attack; its derivative is by the stray alone."""
+
+    def at(angle: Any) -> tuple[Any, Any]:
+        glide = jax.vmap(_steady)(still._replace(pitch=still.pitch + angle))
+        return glide.speed_through_water, glide.angle_of_attack
+
+    still = jax.lax.stop_gradient(acting)
+    known = jax.lax.stop_gradient(stray)
+    there, slope = jax.jvp(at, (known,), (jnp.ones_like(known),))
+    return tuple(
+        jax.lax.stop_gradient(x - y) + jax.lax.stop_gradient(dx) * (stray - known)
+        for x, y, dx in zip(there, at(jnp.zeros_like(known)), slope, strict=True)
+    )
 
 
 def _motion(program: Program, values: Any, shapes: dict[str, Any]) -> dict[str, Any]:
     """Vertical speed, displacements, drifts and speed through water.
 
-    The speed along the path answers to the forces with a lag, the path itself follows the pitch. Pitch that wanders
-    within a half yo moves the path as much as a nuisance leaves open, so that only half yos that differ teach lift.
+    Pitch that wanders within a half yo moves the path as much as a nuisance leaves open, and the speed in a time of its
+    own, so that only half yos that differ teach lift and inertia.
     """
     model, extra = _set(program, values, shapes)
     inputs, sizes = program.inputs, program.sizes
     sample = _sample(inputs.rows)
-    stray = extra["pitch wander"] * inputs.wander + extra["pitch delay"] * inputs.wander_rate
-    sample = sample._replace(pitch=sample.pitch + stray)
+    sample = sample._replace(pitch=sample.pitch - inputs.wander)
+    stray = (1.0 + extra["pitch wander"]) * inputs.wander + extra["pitch delay"] * inputs.wander_rate
     wet = inputs.direction != 0.0
-    glide, drag = _glide(model, sample, inputs)
-    tau = _total(model, Channel.RESPONSE_TIME, sample)
+    tau = jnp.maximum(_total(model, Channel.RESPONSE_TIME, sample), 0.5)
     water = _total(model, Channel.VERTICAL_WATER_VELOCITY, sample)
-    down, ahead = -jnp.sin(glide.glide_angle), jnp.cos(glide.glide_angle)
-    steady = jnp.where(wet, glide.speed_through_water, 0.0)
-    # What the wander does to the speed answers in a time of its own: what is recorded of it is blurred, and the
-    # response time must not be learned from it.
-    path = jnp.maximum(jnp.abs(glide.glide_angle), 0.05)
-    usual = jnp.maximum(path - inputs.wander * jnp.sign(glide.glide_angle), 0.05)
-    calm = steady * jnp.sqrt(jnp.sin(usual) / jnp.sin(path))
-    sinking = -jnp.sin(usual) * jnp.sign(glide.glide_angle)
-    tau = tau * _slower(steady, drag, program.drag) * _faster(steady, inputs.window >= 0) ** extra["lag by speed"]
-    times = jnp.stack([tau, jnp.full_like(tau, WANDERING) + extra["wander lag"], tau], axis=1)
-    base, rest, lagged = _respond(jnp.stack([calm, steady - calm, calm * sinking], axis=1), inputs.step, times)
+    # Inertia that makes the usual glide answer in the response time.
+    acting, steady = _acting(model, sample, tau * sample.density * model.body.wing_area * program.drag)
+    pace = _faster(jnp.where(wet, steady.speed_through_water, 0.0), inputs.window >= 0)
+    acting = acting._replace(along=acting.along * pace ** extra["lag by speed"])
+    base, attack = motion(acting, steady, inputs.step, inputs.follows)
+    base = jnp.where(wet, base, 0.0)
+    usual = acting.pitch + attack
+    quicker, steeper = _wandered(acting, stray)
+    angle = usual + stray + steeper
+    sinking = -jnp.sin(usual)
+    down, ahead = -jnp.sin(angle), jnp.cos(angle)
+    calm = jnp.where(wet, steady.speed_through_water, 0.0) * sinking
+    times = jnp.stack([jnp.full_like(tau, WANDERING) + extra["wander lag"], tau * pace ** (extra["lag by speed"] - 1.0)])
+    rest, lagged = _respond(jnp.stack([jnp.where(wet, quicker, 0.0), calm], axis=1), inputs.step, times.T)
     speed = base + rest
     rate = speed * down + extra["lag of rate"] * (lagged - base * sinking) - jnp.where(wet, water, 0.0)
     forward = speed * ahead * jnp.exp(_total(model, Channel.LOG_SPEED, sample))
@@ -373,12 +388,6 @@ def _motion(program: Program, values: Any, shapes: dict[str, Any]) -> dict[str, 
                     :-1
                 ]
     return found
-
-
-def _slower(speed: Any, drag: Any, usual: Any) -> Any:
-    """Response times over that of the usual glide, within a factor of two: in inverse proportion to drag and speed."""
-    pace = jax.lax.stop_gradient(speed * drag)
-    return jnp.clip(usual / jnp.maximum(pace, 1e-6), 0.5, 2.0)
 
 
 def _faster(speed: Any, settled: Any) -> Any:

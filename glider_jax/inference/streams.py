@@ -24,8 +24,8 @@ from glider_jax.readers.dives import Leg, legs, surfacings
 from glider_jax.readers.segments import Segment, dive_segments
 from glider_jax.records import Array, BathymetryGrid, CurrentGrid, Recording
 
-#: s; over longer steps no angle of attack is followed: the glide is steady within one.
-LONGEST_STEP = 12.0
+#: s; over longer steps no motion is followed: the glide is steady long before their end.
+LONGEST_STEP = 90.0
 #: Fewer dives between surfacings are cut into blocks of some yos each.
 FEW_BLOCKS = 8
 #: s; length of a window of vertical speed.
@@ -377,7 +377,7 @@ class Builder:
         return index, weight
 
     def _followed(self):
-        """Rows whose angle of attack follows from the row before: under water, soon after it, driven by what is known."""
+        """Rows whose motion follows from that of the row before: under water, soon after it, driven by what is known."""
         rows = self.rows
         soon = np.diff(rows.time, prepend=rows.time[0]) <= LONGEST_STEP
         known = rows.controlled & np.append(False, rows.controlled[:-1])
