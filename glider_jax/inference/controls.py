@@ -18,9 +18,13 @@ from glider_jax.records import Array, Recording
 
 #: s; longer holes in a control are not bridged.
 HOLE = 90.0
-#: s; how long after the pump stopped, and after the turn, a glide counts as settled: a first-order response stands for
-#: added mass only then. Over how long controls are averaged.
-SETTLE, AFTER_TURN, SMOOTHING = 30.0, 60.0, 80.0
+#: s; how long after the pump stopped a glide counts as settled, and over how long controls are averaged.
+SETTLE, SMOOTHING = 30.0, 80.0
+#: s; how long after a turn: at least the first, and up to the second where that is no more than a share of a half yo. A
+#: glider with little lift carries small errors of its controls in a turn along for minutes.
+AFTER_TURN, AT_MOST, SPARED = 60.0, 120.0, 0.25
+#: s; how long after leaving the surface, from rest and with air about.
+AFTER_SURFACE = 120.0
 #: m and rad; shallower or flatter samples are not steady glides.
 SHALLOWEST, FLATTEST = 4.0, 0.17
 MOST_ROWS = 45_000
@@ -106,9 +110,12 @@ def rows_of(recording: Recording, ways: list[Leg], turn: Variation, latitude: fl
     pumping = _pumping(recording, time, volume)
     settled = inside & ~pumping & (depth > SHALLOWEST) & (np.abs(pitch) > FLATTEST)
     settled &= np.sign(pitch) == direction
-    settled &= (_since_last(time, pumping | ~inside) > SETTLE) & (since_turn > AFTER_TURN)
+    settled &= (_since_last(time, pumping | ~inside) > SETTLE)
     ends = np.array([way.end_time for way in ways])
+    settled &= since_turn > float(np.clip(SPARED * np.median(ends - starts), AFTER_TURN, AT_MOST))
     settled &= np.where(inside, ends[leg] - time, 0.0) > 10.0
+    since_surfacing = np.where(inside, time - dive_start[leg], 0.0)
+    settled &= since_surfacing > AFTER_SURFACE
     salinity_known, temperature, density, lag = _water(recording, time, depth, ways, latitude)
     heading = _heading(recording, time, turn)
     # Across a longer hole a control is no evidence, but what glides into the hole comes out of it.
@@ -131,7 +138,7 @@ def rows_of(recording: Recording, ways: list[Leg], turn: Variation, latitude: fl
         direction=direction,
         settled=settled & salinity_known & np.isfinite(pitch) & (np.isfinite(volume)),
         since_turn=since_turn,
-        since_surfacing=np.where(inside, time - dive_start[leg], 0.0),
+        since_surfacing=since_surfacing,
         turns=np.where(inside, leg, np.maximum.accumulate(leg)).astype(float),
         sampled=np.isfinite(pitch) & np.isfinite(heading),
         controlled=np.isfinite(pitch) & np.isfinite(volume),

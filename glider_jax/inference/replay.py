@@ -2,10 +2,11 @@
 
 Imports JAX and the physics. One smooth pure function of the parameters, without a switch: pitch, pumped volume,
 heading, water and surfacing times come from the recording. A newcomer would get wrong: depth is an input as well as an
-observation, the density and pressure at the *recorded* depth drive the model and its *rate* is compared; what lags
-behind the forces is the speed along the path, while the path follows the pitch at once; and unknowns are counted in
-units of their prior standard deviation, so that every column of a Jacobian is comparable. Arrays are filled up to
-common lengths and all numbers are traced, so that one compiled program serves all recordings with the same streams.
+observation, the density and pressure at the *recorded* depth drive the model and its *rate* is compared; between
+steady glides the motion is followed under forces that change from row to row, but pitch that wanders in settled glides
+is kept out of it; and unknowns are counted in units of their prior standard deviation, so that every column of a
+Jacobian is comparable. Arrays are filled up to common lengths and all numbers are traced, so that one compiled program
+serves all recordings with the same streams.
 """
 
 from __future__ import annotations
@@ -181,7 +182,8 @@ def build_replay(gathered: Gathered, vehicle: Vehicle, prior_width: float = 2.0)
             # A general curve of a kind of pack is not this pack's; two points were given for this very one.
             loose = 8.0 if wanted[one.name] == "battery voltage" and len(vehicle.battery.voltage_curve) > 2 else 1.0
             unknowns.append(Unknown(one.name, one.name, "nuisance", 0.0, loose * one.sd, frozenset({one.group})))
-    return Replay(_program(gathered, model, vehicle, unknowns, usual_drag(gathered, base)), tuple(unknowns), _places(gathered))
+    program = _program(gathered, model, vehicle, unknowns, usual_drag(gathered, base))
+    return Replay(program, tuple(unknowns), _places(gathered))
 
 
 def response_of(gathered: Gathered, base: FlightModel) -> float:
@@ -268,7 +270,7 @@ def _total(model: FlightModel, channel: Channel, sample: Sample) -> Any:
 
 
 def _acting(model: FlightModel, sample: Sample, along: Any) -> tuple[Forces, Glide]:
-    """Forces of all rows and the steady glides under them; terms that read the speed get that of a first, held constant.
+    """Forces of all rows and the steady glides under them; terms that read the speed get a first one's, held constant.
 
     The model's own rounds to a fixed point would cost each derivative five glides; what is lost is of second order.
     """
@@ -309,7 +311,7 @@ def _steady(acting: Forces) -> Glide:
 
 
 def _wandered(acting: Forces, stray: Any) -> tuple[Any, Any]:
-    """What pitch that strays adds to a steady glide's speed and angle of attack; its derivative is by the stray alone."""
+    """What pitch that strays adds to a steady glide's speed and angle of attack; derivatives are by the stray alone."""
 
     def at(angle: Any) -> tuple[Any, Any]:
         glide = jax.vmap(_steady)(still._replace(pitch=still.pitch + angle))
@@ -350,8 +352,9 @@ def _motion(program: Program, values: Any, shapes: dict[str, Any]) -> dict[str, 
     sinking = -jnp.sin(usual)
     down, ahead = -jnp.sin(angle), jnp.cos(angle)
     calm = jnp.where(wet, steady.speed_through_water, 0.0) * sinking
-    times = jnp.stack([jnp.full_like(tau, WANDERING) + extra["wander lag"], tau * pace ** (extra["lag by speed"] - 1.0)])
-    rest, lagged = _respond(jnp.stack([jnp.where(wet, quicker, 0.0), calm], axis=1), inputs.step, times.T)
+    times = (jnp.full_like(tau, WANDERING) + extra["wander lag"], tau * pace ** (extra["lag by speed"] - 1.0))
+    both = jnp.stack([jnp.where(wet, quicker, 0.0), calm], axis=1)
+    rest, lagged = _respond(both, inputs.step, jnp.stack(times, axis=1))
     speed = base + rest
     rate = speed * down + extra["lag of rate"] * (lagged - base * sinking) - jnp.where(wet, water, 0.0)
     forward = speed * ahead * jnp.exp(_total(model, Channel.LOG_SPEED, sample))

@@ -70,11 +70,11 @@ def motion(forces: Forces, steady: Glide, step: Any, follows: Any) -> tuple[Any,
 
 @jax.custom_jvp
 def _path(acting: Any, start: Any, step: Any, follows: Any) -> Any:
-    """Velocity in the hull's axes at every row, that of ``start`` where nothing is followed, and mean speed; (row, 3)."""
+    """Velocity in the hull's axes at every row, ``start`` where nothing is followed, and mean speed; (row, 3)."""
 
     def along(velocity: Any, row: Any) -> tuple[Any, Any]:
         before, now, there, seconds, going = row
-        state = _advance(velocity, before, now, seconds)
+        state = _advance(velocity, before, now, seconds, parts_at_once=PARTS)
         state = jnp.where(going, state, jnp.append(there, 0.0))
         return state[:2], state
 
@@ -96,29 +96,31 @@ def _(given: Any, tangents: Any) -> tuple[Any, Any]:
     a = jnp.where(follows[:, None, None], by_state[:, :2], 0.0)
     b = jnp.where(follows[:, None], pushed[:, :2], tangents[1])
 
-    def after(one: Any, two: Any) -> Any:
-        return two[0] @ one[0], jnp.einsum("...ij,...j->...i", two[0], one[1]) + two[1]
+    def beside(state: Any, row: Any) -> tuple[Any, Any]:
+        state = row[0] @ state + row[1]
+        return state, state
 
-    reached = jax.lax.associative_scan(after, (a, b))[1]
+    _, reached = jax.lax.scan(beside, jnp.zeros_like(b[0]), (a, b), unroll=8)
     left = jnp.concatenate([tangents[1][:1], reached[:-1]])
     mean = pushed[:, 2:] + jnp.einsum("nij,nj->ni", by_state[:, 2:], left)
     return path, jnp.concatenate([reached, mean], axis=1)
 
 
-def _advance(velocity: Any, before: Any, now: Any, step: Any) -> Any:
+def _advance(velocity: Any, before: Any, now: Any, step: Any, parts_at_once: int = 1) -> Any:
     """Velocity in the hull's axes (2,) a step on, and the mean speed over it, under forces that change linearly."""
     h = step / PARTS
     turned = (now[1] - before[1]) / PARTS
     spin = jnp.cos(turned), jnp.sin(turned)
 
-    def part(k: Any, carried: Any) -> Any:
+    def part(carried: Any, k: Any) -> tuple[Any, None]:
         u, v, mean = carried
         u, v = spin[0] * u + spin[1] * v, spin[0] * v - spin[1] * u
         first = jnp.sqrt(u * u + v * v + 1e-6)
         u, v = _part(u, v, Forces(*(before + (now - before) * ((k + 0.5) / PARTS))), h)
-        return u, v, mean + 0.5 * (first + jnp.sqrt(u * u + v * v + 1e-6)) / PARTS
+        return (u, v, mean + 0.5 * (first + jnp.sqrt(u * u + v * v + 1e-6)) / PARTS), None
 
-    return jnp.stack(jax.lax.fori_loop(0, PARTS, part, (velocity[0], velocity[1], jnp.zeros(())), unroll=True))
+    carried = (velocity[0], velocity[1], jnp.zeros(()))
+    return jnp.stack(jax.lax.scan(part, carried, jnp.arange(PARTS), unroll=parts_at_once)[0])
 
 
 def _part(u: Any, v: Any, forces: Forces, h: Any) -> tuple[Any, Any]:

@@ -377,7 +377,7 @@ class Builder:
         return index, weight
 
     def _followed(self):
-        """Rows whose motion follows from that of the row before: under water, soon after it, driven by what is known."""
+        """Rows whose motion follows from the row before: under water, soon after it, driven by what is known."""
         rows = self.rows
         soon = np.diff(rows.time, prepend=rows.time[0]) <= LONGEST_STEP
         known = rows.controlled & np.append(False, rows.controlled[:-1])

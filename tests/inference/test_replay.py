@@ -163,3 +163,32 @@ def test_hulls_have_limits_that_count_what_the_vehicle_file_says(world):
         replay = build_replay(world[0], given)
     squeezed = next(u for u in replay.unknowns if u.name == "flight.hull_compressibility.compressibility")
     assert (squeezed.lower, squeezed.upper) == pytest.approx((-5e-10, 1.5e-9))
+
+
+def test_a_glide_comes_out_of_a_hole_in_its_controls_as_it_went_in():
+    """Three minutes without pitch and pumped volume leave no false start behind them: the replay goes on as it was."""
+    recording = fly(0.3, noise=0.05)
+    with jax.enable_x64(True):
+        whole = gather(recording, vehicle())
+        rows = whole.rows
+        later = rows.settled & (rows.since_turn > 150.0) & (rows.depth > 20.0) & (rows.depth < 35.0)
+        begin = rows.time[np.flatnonzero(later)[30]]
+        lost = (recording.time >= begin) & (recording.time < begin + 120.0)
+        for name in ("pitch", "pumped_volume"):
+            recording.channels[name][lost] = np.nan
+        holed = gather(recording, vehicle())
+        assert not holed.rows.settled[(holed.rows.time > begin + 5.0) & (holed.rows.time < begin + 110.0)].any()
+        replay = build_replay(holed, vehicle())
+        predicted = replay.predict(np.array([u.centre for u in replay.unknowns]))
+    stream = holed.stream("vertical speed")
+    after = stream.time + holed.origin - begin
+    left = (stream.value - predicted["vertical speed"])[(after > 100.0) & (after < 400.0)]
+    assert left.size > 3 and np.abs(left).max() < 0.01
+
+
+def test_a_start_from_the_surface_settles_later_than_a_turn(world):
+    """Two minutes after leaving the surface, one after a turn, and not before."""
+    rows = world[0].rows
+    first = (rows.since_surfacing == rows.since_turn) & (rows.direction < 0.0)
+    assert rows.since_turn[rows.settled & first].min() > 120.0
+    assert 60.0 < rows.since_turn[rows.settled & ~first].min() < 80.0

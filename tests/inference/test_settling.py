@@ -1,0 +1,150 @@
+"""Motion between steady glides: what stays, what settles, and the same from an independent integration."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from glider_jax.inference.settling import AXIAL, NORMAL, Forces, motion
+from glider_jax.physics.flight import steady_glide
+
+STEP, MASS, AREA, DENSITY, PARASITE, INDUCED, LIFT = 4.0, 52.0, 0.1, 1027.0, 0.15, 10.0, 7.8
+
+
+def forces(buoyancy, pitch, lift=LIFT):
+    """Forces of rows with some net buoyancies in N and pitches in rad."""
+    full = lambda value: jnp.broadcast_to(jnp.asarray(value, float), np.shape(buoyancy))  # noqa: E731
+    return Forces(
+        net_buoyancy=full(buoyancy), pitch=full(pitch), density=full(DENSITY), area=full(AREA), parasite=full(PARASITE),
+        induced=full(INDUCED), lift=full(lift), thrust=full(0.0), along=full((1.0 + AXIAL) * MASS),
+        across=full((1.0 + NORMAL) * MASS),
+    )  # fmt: skip
+
+
+def steady(acting):
+    """The steady glides under them."""
+    one = lambda f: steady_glide(  # noqa: E731
+        net_buoyancy=f.net_buoyancy, pitch=f.pitch, density=f.density, area=f.area, parasite=f.parasite,
+        induced=f.induced, lift=f.lift, thrust=f.thrust, stall_angle=jnp.inf,
+    )  # fmt: skip
+    return jax.vmap(one)(acting)
+
+
+def flown(acting, follows=None):
+    """Speed and angle of attack of every row, as arrays."""
+    n = acting.pitch.size
+    step = jnp.full(n, STEP)
+    follows = jnp.arange(n) > 0 if follows is None else follows
+    return [np.asarray(x) for x in motion(acting, steady(acting), step, follows)]
+
+
+def turning(n=150, lift=LIFT):
+    """A dive that turns into a climb: pitch and buoyancy run from one to the other in half a minute."""
+    s = np.clip((np.arange(n) * STEP - 200.0) / 30.0, -1.0, 1.0)
+    return forces(2.4 * s, 0.41 * s, lift)
+
+
+@pytest.fixture(autouse=True)
+def _double():
+    with jax.enable_x64(True):
+        yield
+
+
+@pytest.mark.parametrize("way", [-1.0, 1.0])
+def test_a_steady_glide_stays(way):
+    """Started there and driven on alike, speed and angle of attack do not move."""
+    acting = forces(np.full(50, 2.4 * way), 0.42 * way)
+    glide = steady(acting)
+    speed, attack = flown(acting)
+    assert speed == pytest.approx(np.asarray(glide.speed_through_water), rel=1e-5)
+    assert attack == pytest.approx(np.asarray(glide.angle_of_attack), rel=1e-4)
+    assert np.sign(attack[-1]) == way
+
+
+def test_speed_answers_in_the_time_that_inertia_gives():
+    """A small rise of buoyancy is answered in inertia along the hull over density, area, drag coefficient and speed."""
+    acting = forces(np.where(np.arange(60) < 20, 2.4, 2.45), 0.42)
+    glide = steady(acting)
+    speed, _ = flown(acting)
+    still, angle = np.asarray(glide.speed_through_water), np.asarray(glide.angle_of_attack)
+    tau = (1.0 + AXIAL) * MASS / (DENSITY * AREA * (PARASITE + INDUCED * angle[0] ** 2) * still[0])
+    left = (still[-1] - speed[20:]) / (still[-1] - still[0])
+    # The rise itself takes one step, so it comes half a step late; a slow glider's larger angle adds to its slowness.
+    assert STEP * (left.sum() - 0.5) == pytest.approx(tau, rel=0.25)
+    assert abs(left[-1]) < 0.02
+
+
+@pytest.mark.parametrize(("loss", "tolerance"), [(0.0, 0.003), (0.3, 0.003), (0.43, 0.006)])
+def test_an_independent_integration_flies_the_same(loss, tolerance):
+    """Through a turn, in the earth's axes by an adaptive method: the same speed and angle once the pump has stopped."""
+    lift = LIFT * (1.0 - loss)
+    acting = turning(lift=lift)
+    speed, attack = flown(acting)
+    time = np.arange(acting.pitch.size) * STEP
+
+    def derivative(t, state):
+        pitch, up = np.interp(t, time, acting.pitch), np.interp(t, time, acting.net_buoyancy)
+        hull = np.array([np.cos(pitch), np.sin(pitch)])
+        normal = np.array([-np.sin(pitch), np.cos(pitch)])
+        u, v = state @ hull, state @ normal
+        pace = np.hypot(u, v) + 1e-9
+        angle = np.clip(np.arctan2(v, max(u, 0.02)), -0.6, 0.6)
+        k = 0.5 * DENSITY * AREA * pace
+        drag = -k * (PARASITE + INDUCED * angle**2) * state
+        carried = k * lift * angle * (v * hull - u * normal)
+        force = np.array([0.0, up]) + drag + carried
+        return (force @ hull) / (MASS * (1.0 + AXIAL)) * hull + (force @ normal) / (MASS * (1.0 + NORMAL)) * normal
+
+    glide = steady(acting)
+    path = float(glide.glide_angle[0])
+    begin = float(glide.speed_through_water[0]) * np.array([np.cos(path), np.sin(path)])
+    found = solve_ivp(derivative, (0.0, time[-1]), begin, t_eval=time, rtol=1e-8, atol=1e-10, max_step=1.0).y.T
+    pace = np.hypot(*found.T)
+    mean = np.append(pace[0], 0.5 * (pace[1:] + pace[:-1]))
+    angle = np.arctan2(found[:, 1], found[:, 0]) - np.asarray(acting.pitch)
+    later = time > 290.0
+    assert np.abs(speed - mean)[later].max() < tolerance
+    assert np.abs(attack - angle)[later].max() < 2.0 * tolerance
+    assert np.abs(speed - mean).max() < 0.02
+
+
+def test_weak_wings_settle_for_minutes():
+    """Forty seconds after the pump stopped a glider with all its lift is steady, one that lost 43 % is not for long."""
+    far = {}
+    for loss in (0.0, 0.43):
+        acting = turning(lift=LIFT * (1.0 - loss))
+        speed, _ = flown(acting)
+        far[loss] = np.abs(speed - np.asarray(steady(acting).speed_through_water))[70:]
+    assert far[0.0][0] < 0.01 < 0.05 < far[0.43][0]
+    assert far[0.43][-1] < 0.005
+
+
+@pytest.mark.parametrize("loss", [0.0, 0.4])
+@pytest.mark.parametrize("name", ["net_buoyancy", "pitch", "parasite", "lift", "along", "across"])
+def test_derivatives_are_those_of_the_motion(loss, name):
+    """The linear pass beside the path gives what small changes of a force do."""
+    base = turning(lift=LIFT * (1.0 - loss))
+    step, follows = jnp.full(base.pitch.size, STEP), jnp.arange(base.pitch.size) > 0
+
+    def speeds(share):
+        acting = base._replace(**{name: getattr(base, name) * (1.0 + share)})
+        return jnp.concatenate(motion(acting, steady(acting), step, follows))
+
+    _, slope = jax.jvp(speeds, (0.0,), (1.0,))
+    change = (np.asarray(speeds(1e-6)) - np.asarray(speeds(-1e-6))) / 2e-6
+    # Where speed and angle are held at their limits in the middle of the turn a change may step over one of them.
+    assert np.asarray(slope) == pytest.approx(change, rel=1e-3, abs=1e-3 * np.abs(change).max())
+
+
+def test_what_is_not_followed_is_steady():
+    """Rows that follow nothing are steady glides, and the rows after them start there."""
+    acting = turning()
+    n = acting.pitch.size
+    follows = (jnp.arange(n) > 0) & (jnp.arange(n) != 80)
+    glide = steady(acting)
+    speed, attack = flown(acting, follows)
+    assert speed[80] == pytest.approx(float(glide.speed_through_water[80]), rel=1e-12)
+    assert attack[81:] == pytest.approx(np.asarray(glide.angle_of_attack)[81:], rel=1e-3)
