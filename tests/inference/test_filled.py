@@ -88,7 +88,7 @@ def test_wander_is_left_open(two):
     with jax.enable_x64(True):
         columns = one.jacobian(values)[1]
     mine = columns["vertical speed"][:, names.index("pitch wander")]
-    assert np.abs(mine).max() > 1e-6
+    assert np.abs(mine).max() > 0.01 * np.abs(gathered.inputs.wander).max() > 0.0
     assert np.abs(columns["displacement east"][:, names.index("pitch wander")]).max() < 3e-3
     assert abs(mine.mean()) < 0.3 * mine.std() + 1e-5
     assert np.abs(gathered.inputs.wander).max() < 0.1

@@ -183,12 +183,12 @@ def test_a_glide_comes_out_of_a_hole_in_its_controls_as_it_went_in():
     stream = holed.stream("vertical speed")
     after = stream.time + holed.origin - begin
     left = (stream.value - predicted["vertical speed"])[(after > 100.0) & (after < 400.0)]
-    assert left.size > 3 and np.abs(left).max() < 0.01
+    assert left.size > 2 and np.abs(left).max() < 0.01
 
 
 def test_a_start_from_the_surface_settles_later_than_a_turn(world):
-    """Two minutes after leaving the surface, one after a turn, and not before."""
+    """Two minutes after leaving the surface, a quarter of a half yo after a turn, and not before."""
     rows = world[0].rows
     first = (rows.since_surfacing == rows.since_turn) & (rows.direction < 0.0)
     assert rows.since_turn[rows.settled & first].min() > 120.0
-    assert 60.0 < rows.since_turn[rows.settled & ~first].min() < 80.0
+    assert 60.0 < rows.since_turn[rows.settled & ~first].min() < 110.0
