@@ -172,7 +172,7 @@ def _next_steps(content: dict[str, Any]) -> str:
             steps.append(f"To tell {e(spoken(effect['title']))} from its twins: {e(effect['class']['decided_by'])}.")
     unknown = undecided(content)
     if unknown:
-        names = "; ".join(f"{e(spoken(n['title']))} ({e(n['decided_by'])})" for n in unknown[:6])
+        names = "; ".join(f"{e(spoken(n['title']))} ({e(n['decided_by'])})" for n in unknown[:8])
         steps.append(f"This recording cannot tell, even if they were large: {names}.")
     if not steps:
         return ""

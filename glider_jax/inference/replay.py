@@ -23,11 +23,11 @@ import numpy as np
 from glider_jax.config import Vehicle
 from glider_jax.inference.filled import LEAST_WINDOWS, fill, ladder
 from glider_jax.inference.instruments import FROM_FLOOR
-from glider_jax.inference.settling import AXIAL, NORMAL, Forces, motion
+from glider_jax.inference.settling import AXIAL, NORMAL, Forces, motion, steady_of, wandered
 from glider_jax.inference.streams import Gathered, Inputs, Sizes
 from glider_jax.inference.unknowns import GAUGE_DEPTH, NUISANCES, RESPONSE_SHARE, Unknown, groups_of
 from glider_jax.physics.battery import Pack, build_pack
-from glider_jax.physics.flight import Glide, steady_glide
+from glider_jax.physics.flight import Glide
 from glider_jax.physics.library import LIBRARY
 from glider_jax.physics.model import (
     FlightModel,
@@ -291,7 +291,7 @@ def _acting(model: FlightModel, sample: Sample, along: Any) -> tuple[Forces, Gli
             across=(1.0 + NORMAL) * row.mass,
         )
 
-    first = jax.lax.stop_gradient(jax.vmap(lambda row: _steady(forces(row)))(sample))
+    first = jax.lax.stop_gradient(jax.vmap(lambda row: steady_of(forces(row)))(sample))
     acting = jax.vmap(forces)(
         sample._replace(
             speed_through_water=first.speed_through_water,
@@ -299,31 +299,7 @@ def _acting(model: FlightModel, sample: Sample, along: Any) -> tuple[Forces, Gli
             glide_angle=first.glide_angle,
         )
     )
-    return acting._replace(along=along), jax.vmap(_steady)(acting)
-
-
-def _steady(acting: Forces) -> Glide:
-    """The steady glide under some forces. A recorded glide did not stall, and a fit near weak lift needs a slope."""
-    return steady_glide(
-        net_buoyancy=acting.net_buoyancy, pitch=acting.pitch, density=acting.density, area=acting.area,
-        parasite=acting.parasite, induced=acting.induced, lift=acting.lift, thrust=acting.thrust, stall_angle=jnp.inf,
-    )  # fmt: skip
-
-
-def _wandered(acting: Forces, stray: Any) -> tuple[Any, Any]:
-    """What pitch that strays adds to a steady glide's speed and angle of attack; derivatives are by the stray alone."""
-
-    def at(angle: Any) -> tuple[Any, Any]:
-        glide = jax.vmap(_steady)(still._replace(pitch=still.pitch + angle))
-        return glide.speed_through_water, glide.angle_of_attack
-
-    still = jax.lax.stop_gradient(acting)
-    known = jax.lax.stop_gradient(stray)
-    there, slope = jax.jvp(at, (known,), (jnp.ones_like(known),))
-    return tuple(
-        jax.lax.stop_gradient(x - y) + jax.lax.stop_gradient(dx) * (stray - known)
-        for x, y, dx in zip(there, at(jnp.zeros_like(known)), slope, strict=True)
-    )
+    return acting._replace(along=along), jax.vmap(steady_of)(acting)
 
 
 def _motion(program: Program, values: Any, shapes: dict[str, Any]) -> dict[str, Any]:
@@ -345,16 +321,18 @@ def _motion(program: Program, values: Any, shapes: dict[str, Any]) -> dict[str, 
     pace = _faster(jnp.where(wet, steady.speed_through_water, 0.0), inputs.window >= 0)
     acting = acting._replace(along=acting.along * pace ** extra["lag by speed"])
     base, attack = motion(acting, steady, inputs.step, inputs.follows)
-    base = jnp.where(wet, base, 0.0)
     usual = acting.pitch + attack
-    quicker, steeper = _wandered(acting, stray)
+    quicker, steeper = wandered(acting, stray)
     angle = usual + stray + steeper
     sinking = -jnp.sin(usual)
     down, ahead = -jnp.sin(angle), jnp.cos(angle)
-    calm = jnp.where(wet, steady.speed_through_water, 0.0) * sinking
-    times = (jnp.full_like(tau, WANDERING) + extra["wander lag"], tau * pace ** (extra["lag by speed"] - 1.0))
-    both = jnp.stack([jnp.where(wet, quicker, 0.0), calm], axis=1)
-    rest, lagged = _respond(both, inputs.step, jnp.stack(times, axis=1))
+    still = jnp.where(wet, steady.speed_through_water, 0.0)
+    slow = tau * pace ** (extra["lag by speed"] - 1.0)
+    times = jnp.stack([jnp.full_like(tau, WANDERING) + extra["wander lag"], slow, slow], axis=1)
+    drives = jnp.stack([jnp.where(wet, quicker, 0.0), still * sinking, still], axis=1)
+    rest, lagged, smooth = _respond(drives, inputs.step, times)
+    # Where nothing drives a motion that could be followed, the steady speed is at least no quicker than a glider.
+    base = jnp.where(wet & inputs.follows, base, smooth)
     speed = base + rest
     rate = speed * down + extra["lag of rate"] * (lagged - base * sinking) - jnp.where(wet, water, 0.0)
     forward = speed * ahead * jnp.exp(_total(model, Channel.LOG_SPEED, sample))

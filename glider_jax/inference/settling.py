@@ -18,7 +18,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from glider_jax.physics.flight import LARGEST_ATTACK, Glide
+from glider_jax.physics.flight import LARGEST_ATTACK, Glide, steady_glide
 
 #: Added mass over mass, along and across the hull.
 AXIAL, NORMAL = 0.20, 0.92
@@ -44,6 +44,30 @@ class Forces(NamedTuple):
     thrust: Any
     along: Any
     across: Any
+
+
+def steady_of(acting: Forces) -> Glide:
+    """The steady glide under some forces. A recorded glide did not stall, and a fit near weak lift needs a slope."""
+    return steady_glide(
+        net_buoyancy=acting.net_buoyancy, pitch=acting.pitch, density=acting.density, area=acting.area,
+        parasite=acting.parasite, induced=acting.induced, lift=acting.lift, thrust=acting.thrust, stall_angle=jnp.inf,
+    )  # fmt: skip
+
+
+def wandered(acting: Forces, stray: Any) -> tuple[Any, Any]:
+    """What pitch that strays adds to a steady glide's speed and angle of attack; derivatives are by the stray alone."""
+
+    def at(angle: Any) -> tuple[Any, Any]:
+        glide = jax.vmap(steady_of)(still._replace(pitch=still.pitch + angle))
+        return glide.speed_through_water, glide.angle_of_attack
+
+    still = jax.lax.stop_gradient(acting)
+    known = jax.lax.stop_gradient(stray)
+    there, slope = jax.jvp(at, (known,), (jnp.ones_like(known),))
+    return tuple(
+        jax.lax.stop_gradient(x - y) + jax.lax.stop_gradient(dx) * (stray - known)
+        for x, y, dx in zip(there, at(jnp.zeros_like(known)), slope, strict=True)
+    )
 
 
 def motion(forces: Forces, steady: Glide, step: Any, follows: Any) -> tuple[Any, Any]:
