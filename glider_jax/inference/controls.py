@@ -110,7 +110,7 @@ def rows_of(recording: Recording, ways: list[Leg], turn: Variation, latitude: fl
     pumping = _pumping(recording, time, volume)
     settled = inside & ~pumping & (depth > SHALLOWEST) & (np.abs(pitch) > FLATTEST)
     settled &= np.sign(pitch) == direction
-    settled &= (_since_last(time, pumping | ~inside) > SETTLE)
+    settled &= _since_last(time, pumping | ~inside) > SETTLE
     ends = np.array([way.end_time for way in ways])
     settled &= since_turn > float(np.clip(SPARED * np.median(ends - starts), AFTER_TURN, AT_MOST))
     settled &= np.where(inside, ends[leg] - time, 0.0) > 10.0

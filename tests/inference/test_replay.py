@@ -115,8 +115,8 @@ def test_a_stroke_bears_the_load_of_the_phase_before_or_after(world):
     assert np.abs(column(world, "pump in energy", "load of a stroke")).max() < 1e-9
 
 
-def test_a_slow_glider_takes_longer_to_answer():
-    """The time to answer goes with the inverse of the speed, within a factor of two."""
+def test_speeds_are_told_against_their_mean_in_settled_glides():
+    """Inertia that may go with a power of the speed changes by a factor of two at most, whatever a turn does."""
     with jax.enable_x64(True):
         speed = jax.numpy.array([0.2, 0.4, 0.0, 2.0])
         settled = jax.numpy.array([True, True, False, False])

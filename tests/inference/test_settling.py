@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from glider_jax.inference.settling import AXIAL, NORMAL, Forces, motion
-from glider_jax.physics.flight import steady_glide
+from glider_jax.inference.settling import AXIAL, NORMAL, Forces, motion, steady_of
 
 STEP, MASS, AREA, DENSITY, PARASITE, INDUCED, LIFT = 4.0, 52.0, 0.1, 1027.0, 0.15, 10.0, 7.8
 
@@ -26,11 +25,7 @@ def forces(buoyancy, pitch, lift=LIFT):
 
 def steady(acting):
     """The steady glides under them."""
-    one = lambda f: steady_glide(  # noqa: E731
-        net_buoyancy=f.net_buoyancy, pitch=f.pitch, density=f.density, area=f.area, parasite=f.parasite,
-        induced=f.induced, lift=f.lift, thrust=f.thrust, stall_angle=jnp.inf,
-    )  # fmt: skip
-    return jax.vmap(one)(acting)
+    return jax.vmap(steady_of)(acting)
 
 
 def flown(acting, follows=None):
