@@ -52,13 +52,15 @@ def levels(found: Finding) -> dict[str, tuple[float, float, str, str]]:
             value, sd = _mean(stream.value, stream.block)
             told[name] = (value, sd, stream.shown, name)
     search, mean = found.search, found.mean
-    place = {search.linear.labels[column].unknown: n for n, column in enumerate(search.active)}
-    for n, unknown in enumerate(search.problem.replay.unknowns):
+    replay = search.problem.replay
+    own = [search.linear.labels[column].unknown for column in search.active]
+    place = {k: n for n, k in enumerate(own)}
+    values, sds, _ = replay.stated(own, mean, found.covariance)
+    for n, unknown in enumerate(replay.unknowns):
         if n not in place or unknown.name not in ("flight.mass", "flight.parasite_drag"):
             continue
         share = _bias(found, place) if unknown.name == "flight.parasite_drag" else 0.0
-        value = (unknown.centre + unknown.scale * mean[place[n]]) * (1.0 + share)
-        sd = unknown.scale * math.sqrt(found.covariance[place[n], place[n]])
+        value, sd = values[place[n]] * (1.0 + share), sds[place[n]]
         unit = "kg" if unknown.name == "flight.mass" else ""
         text = "mass" if unit else "drag coefficient, turns included"
         told[unknown.name] = (float(value), float(max(sd, 0.01 * abs(value) if not unit else 0.005)), unit, text)

@@ -271,7 +271,8 @@ class _Settled(Search):
         self.path += [f"took back {p.candidate.id}: held-out dives fit worse with it" for p in bad]
         self.picks = [p for p in self.picks if p not in bad]
         self.relinearise()
-        self.prune()
+        # What they stood for may have another name, which has to hold on those dives too.
+        self.go_on()
         return True
 
     def run(self) -> None:

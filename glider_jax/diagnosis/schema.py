@@ -173,17 +173,15 @@ def _parameters(found: Finding, pick: Any, id: str) -> list[dict[str, Any]]:
 def _calibration(found: Finding) -> list[dict[str, Any]]:
     search = found.search
     entries = []
-    for n, column in enumerate(search.active):
-        label = search.linear.labels[column]
-        if label.unknown < 0:
-            continue
-        unknown = search.problem.replay.unknowns[label.unknown]
-        if unknown.kind == "candidate":
+    own = [search.linear.labels[column].unknown for column in search.active]
+    replay = search.problem.replay
+    for place, value, sd, away in zip(own, *replay.stated(own, found.mean, found.covariance), strict=True):
+        unknown = replay.unknowns[place]
+        if place < 0 or unknown.kind == "candidate":
             continue
         entries.append({
             "name": unknown.name, "kind": unknown.kind, "given": number(unknown.centre), "sigma": unknown.scale,
-            "fitted": number(unknown.centre + unknown.scale * found.mean[n]),
-            "sd": number(unknown.scale * math.sqrt(found.covariance[n, n])), "sigmas_away": number(found.mean[n]),
+            "fitted": number(value), "sd": number(sd), "sigmas_away": number(away),
         })  # fmt: skip
     return entries
 

@@ -75,12 +75,24 @@ class Search:
         # Calibrations and nuisances are not all linear: once more where they came to rest.
         self.relinearise()
         self.firsts = {c.id: self._gain(c, self.fixed, self.base)[0] for c in self.candidates}
+        self.go_on()
+
+    def go_on(self) -> None:
+        """Move until nothing more is worth it; what was dropped or taken back is not accepted again."""
         for _ in range(MOST_MOVES):
             if not self._move():
                 break
             self.progress(f"accepted: {', '.join(p.candidate.id for p in self.picks) or 'nothing'}")
             self.relinearise()
         self.refine()
+
+    def _gone(self, id: str) -> bool:
+        """Whether an effect was dropped or taken back."""
+        return self._back(id) or any(line.startswith(f"dropped {id} ") for line in self.path)
+
+    def _back(self, id: str) -> bool:
+        """Whether held-out dives spoke against an effect."""
+        return any(line.startswith(f"took back {id}:") for line in self.path)
 
     def allowed(self, candidate: Candidate) -> bool:
         """Whether the search may name a candidate."""
@@ -267,7 +279,7 @@ class Search:
                 del self.picks[worst]
                 return True
             for k in range(len(self.picks)):
-                better = [a for a in self.alternatives(k) if a[1] < -SWAP]
+                better = [a for a in self.alternatives(k) if a[1] < -SWAP and not self._back(a[0])]
                 if better and self._swap(k, better[0][0]):
                     return True
         taken = {pick.candidate.id for pick in self.picks}
@@ -275,10 +287,10 @@ class Search:
             return False
         active = self.active
         base = self.linear.score(active)
-        gains = [(self._gain(c, active, base), c) for c in self.candidates if c.id not in taken]
+        left = [c for c in self.candidates if c.id not in taken and not self._gone(c.id)]
+        gains = [(self._gain(c, active, base), c) for c in left]
         for (gain, _), candidate in sorted(gains, key=lambda pair: -pair[0][0])[:3]:
-            dropped = any(line.startswith(f"dropped {candidate.id} ") for line in self.path)
-            if gain > ACCEPT and not dropped and (gain > CLEAR or self._stands(self.pick(candidate, active, base))):
+            if gain > ACCEPT and (gain > CLEAR or self._stands(self.pick(candidate, active, base))):
                 break
         else:
             return self._unbend(active)
@@ -301,8 +313,8 @@ class Search:
         if 0.5 * float(strays @ strays) < ACCEPT:
             return False
         taken = {pick.candidate.id for pick in self.picks}
-        taken |= {line.split()[1] for line in self.path if line.startswith("dropped ") or " at rest: " in line}
-        likely = [c for c in self.candidates if c.id not in taken and self._moves_flight(c)]
+        taken |= {line.split()[1] for line in self.path if " at rest: " in line}
+        likely = [c for c in self.candidates if c.id not in taken and not self._gone(c.id) and self._moves_flight(c)]
         likely = sorted((c for c in likely if self.early.get(c.id, 0.0) > ACCEPT), key=lambda c: -self.early[c.id])
         given = where.copy()
         given[own] = centres[own]

@@ -23,15 +23,27 @@ import numpy as np
 from glider_jax.config import Vehicle
 from glider_jax.inference.filled import LEAST_WINDOWS, fill, ladder
 from glider_jax.inference.instruments import FROM_FLOOR
-from glider_jax.inference.settling import AXIAL, NORMAL, Forces, motion, steady_of, wandered
+from glider_jax.inference.settling import (
+    NORMAL,
+    Forces,
+    faster,
+    motion,
+    respond,
+    response_of,
+    steady_of,
+    usual_drag,
+    wandered,
+)  # fmt: skip
 from glider_jax.inference.streams import Gathered, Inputs, Sizes
-from glider_jax.inference.unknowns import GAUGE_DEPTH, NUISANCES, RESPONSE_SHARE, Unknown, groups_of
+from glider_jax.inference.unknowns import GAUGE_DEPTH, NUISANCES, RESPONSE_SHARE, Unknown, groups_of, tied_by
 from glider_jax.physics.battery import Pack, build_pack
-from glider_jax.physics.flight import Glide
+from glider_jax.physics.flight import Glide, drag_as_fitted
 from glider_jax.physics.library import LIBRARY
 from glider_jax.physics.model import (
+    FITTED,
     FlightModel,
     build_model,
+    fitted_pitch,
     parameter_infos,
     parameters,
     sigmas,
@@ -43,12 +55,19 @@ from glider_jax.records import Array
 
 
 class Program(eqx.Module):
-    """What is compiled: model, inputs filled up to common lengths, and scales; names and lengths alone are static."""
+    """What is compiled: model, inputs filled up to common lengths, and scales; names and lengths alone are static.
+
+    ``tied`` (unknowns, unknowns) is what numbers carry along by the vehicle file's covariances; ``fitted`` pitch of the
+    glides its drag was fitted to, and the numbers then.
+    """
 
     model: FlightModel
     pack: Pack
     inputs: Inputs
     scales: Array
+    centres: Array
+    tied: Array
+    fitted: Array
     drag: Array
     sizes: Sizes = eqx.field(static=True)
     names: tuple[str, ...] = eqx.field(static=True)
@@ -87,6 +106,22 @@ class Replay:
         found, columns = _jacobian(self.program, jnp.asarray(values), self._whole(shapes))
         return self._cut(found), self._cut(columns)
 
+    def stated(self, own: Sequence[int], mean: Array, covariance: Array) -> tuple[Array, Array, Array]:
+        """Values and sds of some unknowns in their units, and values in prior sds; ``own`` (k,) may hold -1.
+
+        ``mean`` (k,) and ``covariance`` (k, k) are of their coordinates, prior units; other unknowns are as given.
+        """
+        own = np.asarray(own)
+        centre, scale = np.array([(u.centre, u.scale) for u in self.unknowns]).T
+        whole = np.zeros(centre.size)
+        whole[own[own >= 0]] = mean[own >= 0]
+        with jax.enable_x64(True):
+            value, push = map(np.array, _stated(self.program, jnp.asarray(centre + scale * whole)))
+        value, push = value[own], push[np.ix_(own, own)] * scale[own]
+        push[own < 0] = push[:, own < 0] = 0.0
+        sd = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", push, covariance, push), 0.0))
+        return value, sd, (value - centre[own]) / scale[own]
+
     def slopes(
         self, values: Array, shapes: dict[str, Any] | None, own: Sequence[int]
     ) -> tuple[dict[str, Array], dict[str, Array]]:
@@ -102,8 +137,7 @@ class Replay:
 
     def _cut(self, found: dict[str, Any]) -> dict[str, Array]:
         """Streams without what filled them up."""
-        whole = {name: np.asarray(value) for name, value in found.items()}
-        return {name: whole[part][rows] for name, (part, rows) in self.places.items()}
+        return {name: np.asarray(found[part])[rows] for name, (part, rows) in self.places.items()}
 
     def _whole(self, shapes: dict[str, Any] | None) -> dict[str, Any]:
         """All shape parameters as arrays, so that other values never trace anew."""
@@ -143,24 +177,14 @@ def build_replay(gathered: Gathered, vehicle: Vehicle, prior_width: float = 2.0)
             # What a term adds to a number that the vehicle file names may take it down to zero, and to its limit.
             given = _value(base, kind.info.id) if kind.info.id in quantities and info.support[0] == 0.0 else 0.0
             lower, upper = info.bounds[0] - given, info.bounds[1] - given
-            unknowns.append(
-                Unknown(
-                    public,
-                    kind.info.id,
-                    "candidate",
-                    0.0,
-                    prior_width * info.prior.sd,
-                    groups,
-                    lower,
-                    upper,
-                )  # fmt: skip
-            )
+            wide = prior_width * info.prior.sd
+            unknowns.append(Unknown(public, kind.info.id, "candidate", 0.0, wide, groups, lower, upper))
     model = with_parameters(model, zeros)
     infos = parameter_infos(base)
     known = sigmas(base, vehicle)
     centres = {name: float(_value(base, name)) for name in known if name in infos}
     if "flight.response_time" not in vehicle.quantities:
-        centres["flight.response_time"] = response_of(gathered, base)
+        centres["flight.response_time"] = response_of(gathered.rows, parameters(base))
         known["flight.response_time"] = RESPONSE_SHARE * centres["flight.response_time"]
     owners = {f"{t.info.id}": t for t in base.terms}
     for name, sigma in known.items():
@@ -182,43 +206,24 @@ def build_replay(gathered: Gathered, vehicle: Vehicle, prior_width: float = 2.0)
             # A general curve of a kind of pack is not this pack's; two points were given for this very one.
             loose = 8.0 if wanted[one.name] == "battery voltage" and len(vehicle.battery.voltage_curve) > 2 else 1.0
             unknowns.append(Unknown(one.name, one.name, "nuisance", 0.0, loose * one.sd, frozenset({one.group})))
-    program = _program(gathered, model, vehicle, unknowns, usual_drag(gathered, base))
+    unknowns, joint = tied_by(unknowns, vehicle.covariances)
+    program = _program(gathered, model, vehicle, unknowns, joint, usual_drag(gathered.rows, parameters(base)))
     return Replay(program, tuple(unknowns), _places(gathered))
 
 
-def response_of(gathered: Gathered, base: FlightModel) -> float:
-    """Time in s in which the speed along the path answers: (1 + k) m U over twice the drag, as recorded."""
-    if np.count_nonzero(gathered.rows.settled) < FEWEST:
-        return _value(base, "flight.response_time")
-    rows, mass, area = gathered.rows, _value(base, "flight.mass"), _value(base, "flight.wing_area")
-    density = float(np.median(rows.density[rows.settled]))
-    return float(np.clip((1.0 + AXIAL) * mass / (density * area * usual_drag(gathered, base)), 4.0, 30.0))
-
-
-def usual_drag(gathered: Gathered, base: FlightModel) -> float:
-    """Drag coefficient times speed along the path, m s-1, of the base model at the depth rates and pitch recorded."""
-    rows = gathered.rows
-    rate = np.abs(np.gradient(rows.depth, rows.time))[rows.settled]
-    parasite, induced, lift = (_value(base, f"flight.{n}") for n in ("parasite_drag", "induced_drag", "lift_slope"))
-    if rate.size < FEWEST:
-        return parasite * USUAL_SPEED
-    pitch = float(np.median(np.abs(rows.pitch[rows.settled])))
-    attack = 0.03
-    for _ in range(8):
-        attack = min((parasite + induced * attack * attack) / (lift * np.tan(pitch + attack)), 0.3)
-    speed = float(np.median(rate)) / np.sin(pitch + attack)
-    return float((parasite + induced * attack * attack) * max(speed, 0.05))
-
-
 def _program(
-    gathered: Gathered, model: FlightModel, vehicle: Vehicle, unknowns: list[Unknown], usual: float
+    gathered: Gathered, model: FlightModel, vehicle: Vehicle, unknowns: list[Unknown], joint: Array, usual: float
 ) -> Program:
     filled = jax.tree.map(jnp.asarray, fill(gathered.inputs))
+    scales = np.array([u.scale for u in unknowns], float)
     return Program(
         model=jax.tree.map(jnp.asarray, model),
         pack=jax.tree.map(jnp.asarray, build_pack(vehicle.battery, dtype=np.float64)),
         inputs=filled,
-        scales=jnp.asarray([u.scale for u in unknowns], jnp.float64),
+        scales=jnp.asarray(scales),
+        centres=jnp.asarray([u.centre for u in unknowns], jnp.float64),
+        tied=jnp.asarray((joint - np.eye(scales.size)) * scales[:, None] / scales),
+        fitted=jnp.asarray([fitted_pitch(vehicle), *(_value(model, name) for name in FITTED)]),
         drag=jnp.asarray(usual, jnp.float64),
         sizes=Sizes(ladder(gathered.sizes.window, LEAST_WINDOWS), *(ladder(n) for n in gathered.sizes[1:])),
         names=tuple(u.name for u in unknowns),
@@ -260,9 +265,19 @@ def _sample(fields: dict[str, Any]) -> Sample:
 
 
 def _set(program: Program, values: Any, shapes: dict[str, Any]) -> tuple[FlightModel, dict[str, Any]]:
+    values = values + program.tied @ (values - program.centres)
     named = {name: values[i] for i, name in enumerate(program.names)}
     extra = {n.name: named.pop(n.name, jnp.zeros(())) for n in NUISANCES}
-    return with_parameters(program.model, {**named, **shapes}), extra
+    model = with_parameters(program.model, {**named, **shapes})
+    return with_parameters(model, _fitted(program, parameters(model))), extra
+
+
+def _fitted(program: Program, values: dict[str, Any]) -> dict[str, Any]:
+    """Parasite drag that keeps the vertical speed it was fitted to, where the vehicle file says that it was."""
+    pitch, *given = program.fitted
+    drag, lift, induced = (values[name] for name in FITTED)
+    there = drag_as_fitted(lift, induced, given=tuple(given), pitch=jnp.where(pitch > 0.0, pitch, 0.4))
+    return {FITTED[0]: drag * jnp.where(pitch > 0.0, there / given[0], 1.0)}
 
 
 def _total(model: FlightModel, channel: Channel, sample: Sample) -> Any:
@@ -318,7 +333,7 @@ def _motion(program: Program, values: Any, shapes: dict[str, Any]) -> dict[str, 
     water = _total(model, Channel.VERTICAL_WATER_VELOCITY, sample)
     # Inertia that makes the usual glide answer in the response time.
     acting, steady = _acting(model, sample, tau * sample.density * model.body.wing_area * program.drag)
-    pace = _faster(jnp.where(wet, steady.speed_through_water, 0.0), inputs.window >= 0)
+    pace = faster(jnp.where(wet, steady.speed_through_water, 0.0), inputs.window >= 0)
     acting = acting._replace(along=acting.along * pace ** extra["lag by speed"])
     base, attack = motion(acting, steady, inputs.step, inputs.follows)
     usual = acting.pitch + attack
@@ -330,7 +345,7 @@ def _motion(program: Program, values: Any, shapes: dict[str, Any]) -> dict[str, 
     slow = tau * pace ** (extra["lag by speed"] - 1.0)
     times = jnp.stack([jnp.full_like(tau, WANDERING) + extra["wander lag"], slow, slow], axis=1)
     drives = jnp.stack([jnp.where(wet, quicker, 0.0), still * sinking, still], axis=1)
-    rest, lagged, smooth = _respond(drives, inputs.step, times)
+    rest, lagged, smooth = respond(drives, inputs.step, times)
     # Where nothing drives a motion that could be followed, the steady speed is at least no quicker than a glider.
     base = jnp.where(wet & inputs.follows, base, smooth)
     speed = base + rest
@@ -369,31 +384,6 @@ def _motion(program: Program, values: Any, shapes: dict[str, Any]) -> dict[str, 
                     :-1
                 ]
     return found
-
-
-def _faster(speed: Any, settled: Any) -> Any:
-    """Speeds over their mean in settled glides, within a factor of two."""
-    speed = jax.lax.stop_gradient(speed)
-    mean = jnp.sum(jnp.where(settled, speed, 0.0)) / jnp.maximum(jnp.sum(settled), 1)
-    return jnp.clip(speed / jnp.maximum(mean, 1e-3), 0.5, 2.0)
-
-
-def _respond(steady: Any, step: Any, tau: Any) -> tuple[Any, ...]:
-    """Mean over each step of a first-order response to steady values (n, k), each with its time; k arrays (n,)."""
-    before = jnp.concatenate([steady[:1], steady[:-1]])
-    drive = 0.5 * (before + steady)
-    tau = jnp.maximum(tau, 0.5)
-    step = step[:, None]
-    decay = jnp.exp(-step / tau)
-    held = jnp.where(step > 0.0, tau * (1.0 - decay) / jnp.where(step > 0.0, step, 1.0), 1.0)
-
-    def advance(state: Any, row: Any) -> tuple[Any, Any]:
-        target, fall, share = row
-        mean = target + (state - target) * share
-        return target + (state - target) * fall, mean
-
-    _, mean = jax.lax.scan(advance, steady[0], (drive, decay, held), unroll=8)
-    return tuple(mean.T)
 
 
 def _power(program: Program, values: Any, shapes: dict[str, Any]) -> dict[str, Any]:
@@ -461,14 +451,25 @@ def _power(program: Program, values: Any, shapes: dict[str, Any]) -> dict[str, A
 
 
 @eqx.filter_jit
+def _stated(program: Program, values: Any) -> tuple[Any, Any]:
+    """Numbers as the physics gets them, and their derivatives (unknowns, unknowns) by the coordinates."""
+
+    def stated(values: Any) -> Any:
+        values = values + program.tied @ (values - program.centres)
+        named = dict(zip(program.names, values, strict=True))
+        named |= _fitted(program, {**parameters(program.model), **named})
+        return jnp.stack([named[name] for name in program.names])
+
+    return stated(values), jax.jacfwd(stated)(values)
+
+
+@eqx.filter_jit
 def _predict(program: Program, values: Any, shapes: dict[str, Any]) -> dict[str, Any]:
     return {**_motion(program, values, shapes), **_power(program, values, shapes)}
 
 
 #: m s-1; vertical speed at which the depth past a turn is told, so that its time is told by faster and slower turns.
 TURNING = 0.15
-#: Settled rows below which a recording says nothing of its usual glide, and m s-1, what is then expected of it.
-FEWEST, USUAL_SPEED = 30, 0.3
 #: s; in about this the speed answers to pitch that wanders, as recorded.
 WANDERING = 8.0
 #: Share of the expected response time that a fit may not go below: nothing answers before it is pushed.
@@ -488,8 +489,7 @@ def _along(program: Program, values: Any, shapes: dict[str, Any], directions: An
 @eqx.filter_jit
 def _jacobian(program: Program, values: Any, shapes: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
     """Predictions and forward derivatives; each part is traced once, whatever the number of unknowns."""
-    found: dict[str, Any] = {}
-    columns: dict[str, Any] = {}
+    found, columns = {}, {}
     for groups, part in ((frozenset({"flight", "course"}), _motion), (frozenset({"power"}), _power)):
         mine = np.asarray([i for i, own in enumerate(program.groups) if groups & own], int)
         value, push = jax.linearize(lambda x, at=mine, f=part: f(program, values.at[at].set(x), shapes), values[mine])

@@ -12,12 +12,14 @@ Merckelbach et al. 2019, doi:10.1175/JTECH-D-18-0168.1: equations of motion with
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from glider_jax.inference.controls import Rows
 from glider_jax.physics.flight import LARGEST_ATTACK, Glide, steady_glide
 
 #: Added mass over mass, along and across the hull.
@@ -26,6 +28,8 @@ AXIAL, NORMAL = 0.20, 0.92
 PARTS = 4
 #: m s-1; what stands still has no angle of attack.
 _SLOWEST = 0.02
+#: Settled rows below which a recording says nothing of its usual glide, and m s-1, what is then expected of it.
+FEWEST, USUAL_SPEED = 30, 0.3
 
 
 class Forces(NamedTuple):
@@ -68,6 +72,57 @@ def wandered(acting: Forces, stray: Any) -> tuple[Any, Any]:
         jax.lax.stop_gradient(x - y) + jax.lax.stop_gradient(dx) * (stray - known)
         for x, y, dx in zip(there, at(jnp.zeros_like(known)), slope, strict=True)
     )
+
+
+def faster(speed: Any, settled: Any) -> Any:
+    """Speeds over their mean in settled glides, within a factor of two."""
+    speed = jax.lax.stop_gradient(speed)
+    mean = jnp.sum(jnp.where(settled, speed, 0.0)) / jnp.maximum(jnp.sum(settled), 1)
+    return jnp.clip(speed / jnp.maximum(mean, 1e-3), 0.5, 2.0)
+
+
+def respond(steady: Any, step: Any, tau: Any) -> tuple[Any, ...]:
+    """Mean over each step of a first-order response to steady values (n, k), each with its time; k arrays (n,)."""
+    before = jnp.concatenate([steady[:1], steady[:-1]])
+    drive = 0.5 * (before + steady)
+    tau = jnp.maximum(tau, 0.5)
+    step = step[:, None]
+    decay = jnp.exp(-step / tau)
+    held = jnp.where(step > 0.0, tau * (1.0 - decay) / jnp.where(step > 0.0, step, 1.0), 1.0)
+
+    def advance(state: Any, row: Any) -> tuple[Any, Any]:
+        target, fall, share = row
+        mean = target + (state - target) * share
+        return target + (state - target) * fall, mean
+
+    _, mean = jax.lax.scan(advance, steady[0], (drive, decay, held), unroll=8)
+    return tuple(mean.T)
+
+
+def response_of(rows: Rows, known: Mapping[str, float]) -> float:
+    """Time in s in which the speed along the path answers: (1 + k) m U over twice the drag, as recorded.
+
+    ``known`` are the base model's numbers by public name, here and in :func:`usual_drag`.
+    """
+    if np.count_nonzero(rows.settled) < FEWEST:
+        return float(known["flight.response_time"])
+    mass, area = float(known["flight.mass"]), float(known["flight.wing_area"])
+    density = float(np.median(rows.density[rows.settled]))
+    return float(np.clip((1.0 + AXIAL) * mass / (density * area * usual_drag(rows, known)), 4.0, 30.0))
+
+
+def usual_drag(rows: Rows, known: Mapping[str, float]) -> float:
+    """Drag coefficient times speed along the path, m s-1, of the base model at the depth rates and pitch recorded."""
+    rate = np.abs(np.gradient(rows.depth, rows.time))[rows.settled]
+    parasite, induced, lift = (float(known[f"flight.{n}"]) for n in ("parasite_drag", "induced_drag", "lift_slope"))
+    if rate.size < FEWEST:
+        return parasite * USUAL_SPEED
+    pitch = float(np.median(np.abs(rows.pitch[rows.settled])))
+    attack = 0.03
+    for _ in range(8):
+        attack = min((parasite + induced * attack * attack) / (lift * np.tan(pitch + attack)), 0.3)
+    speed = float(np.median(rate)) / np.sin(pitch + attack)
+    return float((parasite + induced * attack * attack) * max(speed, 0.05))
 
 
 def motion(forces: Forces, steady: Glide, step: Any, follows: Any) -> tuple[Any, Any]:

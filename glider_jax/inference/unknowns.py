@@ -6,11 +6,15 @@ free, so that nothing is learned from what no vehicle file can state.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from glider_jax.config import CovarianceBlock
+from glider_jax.physics.perturb import factor
 from glider_jax.physics.term import Channel
+from glider_jax.records import Array
 
 _FLIGHT = frozenset({
     Channel.NET_BUOYANCY, Channel.DRAG_COEFFICIENT, Channel.INDUCED_DRAG, Channel.LIFT_SLOPE, Channel.LOG_DRAG,
@@ -86,3 +90,31 @@ def groups_of(channels) -> frozenset[str]:
         else:
             found.add("power")
     return frozenset(found)
+
+
+def tied_by(unknowns: Sequence[Unknown], blocks: Sequence[CovarianceBlock]) -> tuple[list[Unknown], Array]:
+    """Unknowns of a vehicle file whose numbers are known jointly.
+
+    A drag that was fitted to a glide goes with the lift that was assumed: were the lift another, so would the drag be.
+    The unknowns stay independent coordinates; what each carries along is in the map.
+
+    Returns
+    -------
+    The unknowns, with the predictions that they now move, and (unknowns, unknowns) numbers in prior sds by coordinate.
+    """
+    found = list(unknowns)
+    place = {u.name: i for i, u in enumerate(found) if u.kind == "calibration"}
+    joint = np.eye(len(found))
+    for block in blocks:
+        kept = [n for n, name in enumerate(block.names) if name in place]
+        own = [place[block.names[n]] for n in kept]
+        if len(own) < 2:
+            continue
+        matrix = np.asarray(block.matrix, float)[np.ix_(kept, kept)]
+        part = CovarianceBlock(tuple(block.names[n] for n in kept), tuple(map(tuple, matrix.tolist())))
+        root = factor(part) / np.array([found[i].scale for i in own])[:, None]
+        joint[np.ix_(own, own)] = root
+        for n, i in enumerate(own):
+            moved = [found[k].groups for k, share in zip(own, root[:, n], strict=True) if share != 0.0]
+            found[i] = replace(found[i], groups=frozenset().union(found[i].groups, *moved))
+    return found, joint

@@ -6,7 +6,7 @@ the path is steeper than the pitch, on dives as on climbs. Nothing here knows wh
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 from jax import Array, lax
@@ -16,6 +16,7 @@ from glider_jax.physics.term import Scalar, safe_sqrt
 _STEEPEST = 1.5
 LARGEST_ATTACK = 0.6
 _NEWTON_STEPS = 4
+_FITTED_STEPS = 12
 
 
 class Glide(NamedTuple):
@@ -76,6 +77,33 @@ def attack_angle(
     for _ in range(_NEWTON_STEPS):
         a = newton(a)
     return newton(lax.stop_gradient(a))
+
+
+def drag_as_fitted(
+    lift: Scalar, induced: Scalar, *, given: tuple[Scalar, Scalar, Scalar], pitch: Scalar, xp: Any = jnp
+) -> Scalar:
+    """Parasite drag that a glide's vertical speed would have been fitted with, had other lift been assumed.
+
+    A fit to vertical speed knows drag and lift together: with weaker lift the same glide is met by less parasite drag.
+    What is kept is ``sin(path)**3 / (C_D0 + C_D1 a**2)``, the square of the vertical speed but for a factor.
+
+    Parameters
+    ----------
+    lift, induced : C_La rad-1 and C_D1 rad-2 that are asked for. given : C_D0, C_La and C_D1 as they were fitted.
+    pitch : rad, of the glides that were fitted, nose up. xp : ``numpy`` or ``jax.numpy``.
+    """
+    parasite, first_lift, first_induced = given
+    a = 0.03 * xp.ones_like(pitch)
+    for _ in range(_FITTED_STEPS):
+        path = xp.minimum(pitch + a, _STEEPEST)
+        a = xp.minimum((parasite + first_induced * a * a) / (first_lift * xp.tan(path)), LARGEST_ATTACK)
+    kept = xp.sin(pitch + a) ** 2 * xp.cos(pitch + a) / (first_lift * a)
+    a = a + 0.0 * lift
+    for _ in range(_FITTED_STEPS):
+        sine, cosine = xp.sin(pitch + a), xp.cos(pitch + a)
+        steepness = xp.minimum(2.0 * sine * cosine**2 - sine**3 - kept * lift, -0.1 * kept * lift)
+        a = xp.clip(a - (sine**2 * cosine - kept * lift * a) / steepness, 1e-4, LARGEST_ATTACK)
+    return xp.maximum(lift * a * xp.tan(pitch + a) - induced * a * a, 0.1 * parasite)
 
 
 def steady_glide(

@@ -23,7 +23,7 @@ from jax import Array
 
 from glider_jax.config import Quantity, Vehicle
 from glider_jax.errors import ConfigError, did_you_mean
-from glider_jax.physics.flight import Glide, steady_glide
+from glider_jax.physics.flight import Glide, drag_as_fitted, steady_glide
 from glider_jax.physics.library import TERMS_BY_ID
 from glider_jax.physics.library.base import BASE, Body, Hull, InducedDrag, Lift, ParasiteDrag
 from glider_jax.physics.perturb import draw_parameters, standard_normal
@@ -349,7 +349,7 @@ def _drawn(model, vehicle, normal, spread, xp):
             if name not in known:
                 raise ConfigError(f"{vehicle.name}: covariance: unknown '{name}'.{did_you_mean(name, known)}")
     means = parameters(model)
-    return draw_parameters(
+    drawn = draw_parameters(
         means=means if xp is jnp else {name: np.asarray(value, float) for name, value in means.items()},
         sigmas=sigmas(model, vehicle),
         positive=frozenset(name for name, info in infos.items() if info.positive),
@@ -358,6 +358,23 @@ def _drawn(model, vehicle, normal, spread, xp):
         spread=spread,
         xp=xp,
     )
+    pitch = fitted_pitch(vehicle)
+    if pitch > 0.0 and set(FITTED[1:]) & set(drawn):
+        given = tuple(xp.asarray(means[name]) for name in FITTED)
+        lift, induced = (drawn.get(name, means[name]) for name in FITTED[1:])
+        share = drag_as_fitted(lift, induced, given=given, pitch=xp.asarray(pitch), xp=xp) / given[0]
+        drawn[FITTED[0]] = drawn.get(FITTED[0], given[0]) * share
+    return drawn
+
+
+#: The drag that is fitted to vertical speed, and what is assumed for it.
+FITTED = ("flight.parasite_drag", "flight.lift_slope", "flight.induced_drag")
+
+
+def fitted_pitch(vehicle: Vehicle) -> float:
+    """Pitch in rad of the glides that the vehicle's drag was fitted to, 0 where it was found another way."""
+    known = vehicle.quantities.get("flight.drag_fitted_at_pitch")
+    return 0.0 if known is None else known.value
 
 
 def cast(model: FlightModel, dtype: Any) -> FlightModel:

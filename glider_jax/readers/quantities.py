@@ -58,6 +58,10 @@ QUANTITIES: dict[str, QuantitySpec] = {
         "rad-1", 7.5, 0.75, f"{_FLIGHT}: 3.8 hull + 3.73 wings; sigma judgement", 0.5, 30.0,
         "lift per angle of attack, hull and wings",
     ),
+    "flight.drag_fitted_at_pitch": QuantitySpec(
+        "rad", 0.0, 0.0, "0: the drag was not fitted to vertical speed", 0.0, 1.0,
+        "pitch of the steady glides whose vertical speed the parasite drag was fitted to, with this file's lift",
+    ),
     "flight.pump_volume": QuantitySpec(
         "m3", 230e-6, 0.0, "Slocum shallow pump, 230 cc each way", 1e-6, 2e-3,
         "commanded volume, plus to climb and minus to dive", 0.0, "cc",

@@ -6,12 +6,12 @@ import jax
 import numpy as np
 import pytest
 
-from glider_jax.inference import replay as replays
 from glider_jax.inference.filled import LEAST, ladder
 from glider_jax.inference.fit import converged, make_problem
-from glider_jax.inference.replay import build_replay, response_of
+from glider_jax.inference.replay import build_replay
+from glider_jax.inference.settling import respond, response_of
 from glider_jax.inference.streams import gather
-from glider_jax.physics.model import build_model
+from glider_jax.physics.model import build_model, parameters
 from tests.diagnosis.worlds import fly, vehicle
 
 
@@ -66,7 +66,7 @@ def test_speed_lags_along_the_path():
     with jax.enable_x64(True):
         step = np.full(40, 8.0)
         steady = np.where(np.arange(40)[:, None] < 20, 0.3, 0.4) * np.ones((40, 2))
-        slow, fast = replays._respond(steady, step, np.stack([np.full(40, 16.0), np.full(40, 1.0)], axis=1))
+        slow, fast = respond(steady, step, np.stack([np.full(40, 16.0), np.full(40, 1.0)], axis=1))
     assert float(slow[-1]) == pytest.approx(0.4, abs=1e-4) and float(fast[22]) == pytest.approx(0.4, abs=1e-3)
     # One step after the change the slow one has gone about half a step's share of the way.
     assert 0.3 < float(slow[21]) < 0.36 < float(slow[24]) < 0.4
@@ -76,7 +76,7 @@ def test_response_time_follows_from_mass_drag_and_speed(two):
     """About 1.2 m U over twice the drag of the test's glider; heavier answers later."""
     gathered, _ = two[0]
     with jax.enable_x64(True):
-        found = response_of(gathered, build_model(vehicle(), dtype=np.float64))
+        found = response_of(gathered.rows, parameters(build_model(vehicle(), dtype=np.float64)))
     assert 8.0 < found < 14.0
 
 

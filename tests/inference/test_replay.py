@@ -10,7 +10,8 @@ import pytest
 
 from glider_jax.config import Quantity
 from glider_jax.errors import DataError
-from glider_jax.inference.replay import _faster, build_replay
+from glider_jax.inference.replay import build_replay
+from glider_jax.inference.settling import faster
 from glider_jax.inference.streams import gather
 from glider_jax.inference.windows import usual_rate
 from tests.diagnosis.worlds import fly, vehicle
@@ -120,7 +121,7 @@ def test_speeds_are_told_against_their_mean_in_settled_glides():
     with jax.enable_x64(True):
         speed = jax.numpy.array([0.2, 0.4, 0.0, 2.0])
         settled = jax.numpy.array([True, True, False, False])
-        assert np.asarray(_faster(speed, settled)) == pytest.approx([2.0 / 3.0, 4.0 / 3.0, 0.5, 2.0])
+        assert np.asarray(faster(speed, settled)) == pytest.approx([2.0 / 3.0, 4.0 / 3.0, 0.5, 2.0])
 
 
 def test_the_warming_that_is_regressed_on_holds_no_heave():

@@ -29,6 +29,7 @@ wing_area = 0.1
 parasite_drag = {{ value = {DRAG_JULY}, sigma = 0.004, source = "trim of 22 July 2019" }}
 induced_drag = {{ value = 10.5, sigma = 1.0 }}
 lift_slope = {{ value = 7.53, sigma = 0.75 }}
+drag_fitted_at_pitch = {{ value = 26.0, unit = "deg", source = "vertical speed of its dives and climbs" }}
 pump_volume = {{ value = 230.0, unit = "cc" }}
 pump_rate = {{ value = 35.0, sigma = 3.0, unit = "cc/s" }}
 hull_compressibility = {{ value = 5e-10, sigma = 1e-10 }}
