@@ -32,7 +32,6 @@ from glider_jax.inference.settling import (
     response_of,
     steady_of,
     usual_drag,
-    wandered,
 )  # fmt: skip
 from glider_jax.inference.streams import Gathered, Inputs, Sizes
 from glider_jax.inference.unknowns import GAUGE_DEPTH, NUISANCES, RESPONSE_SHARE, Unknown, groups_of, tied_by
@@ -196,7 +195,7 @@ def build_replay(gathered: Gathered, vehicle: Vehicle, prior_width: float = 2.0)
     there = {s.name for s in gathered.streams}
     wanted = {
         "inflection way": "displacement east", "pitch wander": "vertical speed", "pitch delay": "vertical speed",
-        "wander lag": "vertical speed", "lag by speed": "vertical speed", "lag of rate": "vertical speed",
+        "lag by speed": "vertical speed", "lag of rate": "vertical speed",
         "turn": "turn depth", "turn time": "turn depth", "turn on altitude": "turn depth",
         "gauge at the surface": "depth at the surface", "stay": "surface stay", "load of a stroke": "pump in energy",
         "open circuit": "battery voltage", "charge": "battery voltage", "chart": "water depth",
@@ -335,20 +334,17 @@ def _motion(program: Program, values: Any, shapes: dict[str, Any]) -> dict[str, 
     acting, steady = _acting(model, sample, tau * sample.density * model.body.wing_area * program.drag)
     pace = faster(jnp.where(wet, steady.speed_through_water, 0.0), inputs.window >= 0)
     acting = acting._replace(along=acting.along * pace ** extra["lag by speed"])
-    base, attack = motion(acting, steady, inputs.step, inputs.follows)
+    base, attack, quicker, steeper = motion(acting, steady, inputs.step, inputs.follows, stray)
     usual = acting.pitch + attack
-    quicker, steeper = wandered(acting, stray)
     angle = usual + stray + steeper
     sinking = -jnp.sin(usual)
     down, ahead = -jnp.sin(angle), jnp.cos(angle)
     still = jnp.where(wet, steady.speed_through_water, 0.0)
     slow = tau * pace ** (extra["lag by speed"] - 1.0)
-    times = jnp.stack([jnp.full_like(tau, WANDERING) + extra["wander lag"], slow, slow], axis=1)
-    drives = jnp.stack([jnp.where(wet, quicker, 0.0), still * sinking, still], axis=1)
-    rest, lagged, smooth = respond(drives, inputs.step, times)
+    lagged, smooth = respond(jnp.stack([still * sinking, still], axis=1), inputs.step, jnp.stack([slow, slow], axis=1))
     # Where nothing drives a motion that could be followed, the steady speed is at least no quicker than a glider.
     base = jnp.where(wet & inputs.follows, base, smooth)
-    speed = base + rest
+    speed = base + jnp.where(wet, quicker, 0.0)
     rate = speed * down + extra["lag of rate"] * (lagged - base * sinking) - jnp.where(wet, water, 0.0)
     forward = speed * ahead * jnp.exp(_total(model, Channel.LOG_SPEED, sample))
     found = {}
@@ -470,8 +466,6 @@ def _predict(program: Program, values: Any, shapes: dict[str, Any]) -> dict[str,
 
 #: m s-1; vertical speed at which the depth past a turn is told, so that its time is told by faster and slower turns.
 TURNING = 0.15
-#: s; in about this the speed answers to pitch that wanders, as recorded.
-WANDERING = 8.0
 #: Share of the expected response time that a fit may not go below: nothing answers before it is pushed.
 SHORTEST = 0.25
 _BATCH = 16

@@ -125,26 +125,51 @@ def usual_drag(rows: Rows, known: Mapping[str, float]) -> float:
     return float((parasite + induced * attack * attack) * max(speed, 0.05))
 
 
-def motion(forces: Forces, steady: Glide, step: Any, follows: Any) -> tuple[Any, Any]:
-    """Speed along the path, as a mean over the step before each row, and angle of attack at each row.
+def motion(forces: Forces, steady: Glide, step: Any, follows: Any, stray: Any) -> tuple[Any, Any, Any, Any]:
+    """Speed along the path, as a mean over the step before each row, and angle of attack at each row; and what pitch
+    that strays adds to both.
+
+    The answer to a stray pitch is that of the motion, which near weak lift comes minutes late and many times as large.
+    Its derivatives are by the stray alone, so that errors of pitch teach nothing.
 
     Parameters
     ----------
     forces : of every row. steady : the steady glide of each. step : (row,) s since the row before.
     follows : (row,) bool; elsewhere the glide is the steady one, and the next row starts there.
+    stray : (row,) rad, pitch beyond that of the forces.
 
     Returns
     -------
-    (row,) m s-1, and (row,) rad with the sign of an angle of attack.
+    (row,) m s-1, (row,) rad with the sign of an angle of attack, and (row,) m s-1 and rad of the answer.
     """
     still, angle = steady.speed_through_water, steady.angle_of_attack
     start = jnp.stack([still * jnp.cos(angle), still * jnp.sin(angle)], axis=1)
     acting = jnp.stack([jnp.broadcast_to(f, step.shape) for f in forces], axis=1)
-    reached, mean = jnp.split(_path(acting, start, step, follows), (2,), axis=1)
+    path = _path(acting, start, step, follows)
+    reached, mean = path[:, :2], path[:, 2:]
     moving = follows & (reached[:, 0] > _SLOWEST)
     u, v = jnp.where(moving, reached[:, 0], 1.0), jnp.where(moving, reached[:, 1], 0.0)
     attack = jnp.where(moving, jnp.clip(jnp.arctan2(v, u), -LARGEST_ATTACK, LARGEST_ATTACK), angle)
-    return jnp.where(follows, mean[:, 0], still), attack
+    quicker, steeper = wandered(forces, stray)
+    known = jax.lax.stop_gradient((acting, start, path))
+    answer = _answer(*known, step, follows, stray)
+    there = known[2][:, :2] + answer[:, :2]
+    turned = jnp.arctan2(there[:, 1], jnp.maximum(there[:, 0], _SLOWEST)) - jax.lax.stop_gradient(attack)
+    quicker = jnp.where(follows, answer[:, 2], quicker)
+    return jnp.where(follows, mean[:, 0], still), attack, quicker, jnp.where(moving, turned, steeper)
+
+
+def _answer(acting: Any, start: Any, path: Any, step: Any, follows: Any, stray: Any) -> Any:
+    """What a stray pitch adds to velocity in the hull's axes and to the mean speed, (row, 3)."""
+    known = jax.lax.stop_gradient(stray)
+    place = Forces._fields.index("pitch")
+    pushed = acting.at[:, place].add(known)
+    there = _path(pushed, start, step, follows)
+    by_state, by_before, by_now = _slopes(pushed, start, there, step)
+    more = stray - known
+    before = jnp.concatenate([more[:1], more[:-1]])
+    push = by_now[:, :, place] * more[:, None] + by_before[:, :, place] * before[:, None]
+    return there - path + _beside(by_state, push, jnp.zeros_like(start), follows)
 
 
 @jax.custom_jvp
@@ -166,23 +191,36 @@ def _(given: Any, tangents: Any) -> tuple[Any, Any]:
     """Beside the path: y' = A y + b, with A and what the forces do of all rows found at once, for all derivatives."""
     acting, start, step, follows = given
     path = _path(*given)
-    last = jnp.concatenate([start[:1], path[:-1, :2]])
-    before = jnp.concatenate([acting[:1], acting[:-1]])
-    by_state, by_before, by_now = jax.vmap(jax.jacrev(_advance, (0, 1, 2)))(last, before, acting, step)
+    by_state, by_before, by_now = _slopes(acting, start, path, step)
     push = tangents[0]
     pushed = jnp.einsum("nij,nj->ni", by_now, push)
     pushed = pushed + jnp.einsum("nij,nj->ni", by_before, jnp.concatenate([push[:1], push[:-1]]))
+    return path, _beside(by_state, pushed, tangents[1], follows)
+
+
+def _slopes(acting: Any, start: Any, path: Any, step: Any) -> tuple[Any, Any, Any]:
+    """Derivatives of every row's step by the velocity it starts from and by the forces before and at the row."""
+    last = jnp.concatenate([start[:1], path[:-1, :2]])
+    before = jnp.concatenate([acting[:1], acting[:-1]])
+    return jax.vmap(jax.jacrev(_advance, (0, 1, 2)))(last, before, acting, step)
+
+
+def _beside(by_state: Any, pushed: Any, begun: Any, follows: Any) -> Any:
+    """What goes on beside the path: what the step makes of the row before, and what is pushed; (row, 3).
+
+    ``begun`` (row, 2) is what there is where nothing is followed.
+    """
     a = jnp.where(follows[:, None, None], by_state[:, :2], 0.0)
-    b = jnp.where(follows[:, None], pushed[:, :2], tangents[1])
+    b = jnp.where(follows[:, None], pushed[:, :2], begun)
 
     def beside(state: Any, row: Any) -> tuple[Any, Any]:
         state = row[0] @ state + row[1]
         return state, state
 
     _, reached = jax.lax.scan(beside, jnp.zeros_like(b[0]), (a, b), unroll=8)
-    left = jnp.concatenate([tangents[1][:1], reached[:-1]])
+    left = jnp.concatenate([begun[:1], reached[:-1]])
     mean = pushed[:, 2:] + jnp.einsum("nij,nj->ni", by_state[:, 2:], left)
-    return path, jnp.concatenate([reached, mean], axis=1)
+    return jnp.concatenate([reached, mean], axis=1)
 
 
 def _advance(velocity: Any, before: Any, now: Any, step: Any, parts_at_once: int = 1) -> Any:
