@@ -23,6 +23,8 @@ from glider_jax.records import Array
 #: the temperature changes as fast as it does on average. Published vertical water velocities claim 4 to 5 mm/s.
 INADEQUACY, IN_LAYERS = 3e-4, 5e-4
 NODES = 4
+#: Shares of a step that went too far, tried one after the other.
+SHARES = (0.5, 0.25, 0.1, 0.04, 0.015)
 #: Windows of quiet power up to which dives and climbs are whitened together.
 MOST_LOADS = 600
 #: s; periods of the heaving water that are integrated out of the noise beside the library.
@@ -302,7 +304,7 @@ def converged(
     start: Array,
     shapes: dict[str, float],
     widths: Array | None = None,
-    rounds: int = 8,
+    rounds: int = 16,
 ) -> tuple[float, Array]:
     """Evidence of a set of unknowns where their fit comes to rest, under the noise as it is, and the values there.
 
@@ -330,29 +332,55 @@ def converged(
             lower[n], upper[n] = (one.lower - one.centre) / one.scale, (one.upper - one.centre) / one.scale
     values = centres.copy()
     values[own] = start[own]
-    best, lowest, rested = -np.inf, np.inf, values.copy()
+
+    def whitened(raw: Array) -> Array:
+        pairs = zip(problem.noises, rows_of(problem), strict=True)
+        return np.concatenate([noise.whiten(raw[rows])[0] for noise, rows in pairs])
+
+    side = None if more is None else whitened(more)
+
+    def misfit(left: Array, here: Array) -> float:
+        """Half the sum of squares that is left beside the further columns, and of the prior."""
+        if side is not None:
+            left = left - side @ np.linalg.solve(side.T @ side + np.eye(side.shape[1]), side.T @ left)
+        return 0.5 * float(left @ left + here @ (here * precision[: len(own)]))
+
+    def placed(z: Array) -> Array:
+        found = centres.copy()
+        for k, step in zip(own, z, strict=True):
+            one = problem.replay.unknowns[k]
+            found[k] = np.clip(one.centre + one.scale * step, one.lower, one.upper)
+        return found
+
+    def cost_of(values: Array) -> float:
+        predicted = problem.replay.predict(values, shapes)
+        raw = np.concatenate([streams[n].value - predicted[n] for n in problem.names])
+        if not np.isfinite(raw).all():
+            return np.inf
+        return misfit(whitened(raw[:, None])[:, 0], ((values - centres) / scales)[own])
+
+    best, lowest, rested, step = -np.inf, np.inf, values.copy(), np.zeros(len(own))
     for _ in range(rounds):
         predicted, slopes = problem.replay.slopes(values, shapes, own)
         raw = np.concatenate([streams[n].value - predicted[n] for n in problem.names])
         columns = np.nan_to_num(np.concatenate([slopes[n] for n in problem.names]))
-        raw = raw + columns @ ((values - centres) / scales)[own]
-        columns = columns if more is None else np.concatenate([columns, more], axis=1)
-        white = np.empty((raw.size, 1 + columns.shape[1]))
-        for noise, rows in zip(problem.noises, rows_of(problem), strict=True):
-            white[rows], _ = noise.whiten(np.column_stack([raw[rows], columns[rows]]))
-        r, j = white[:, 0], white[:, 1:]
         here = ((values - centres) / scales)[own]
-        left = r - j[:, : len(own)] @ here
-        if more is not None:
-            side = j[:, len(own) :]
-            left = left - side @ np.linalg.solve(side.T @ side + np.eye(side.shape[1]), side.T @ left)
-        cost = 0.5 * float(left @ left + here @ (here * precision[: len(own)]))
-        if cost > lowest + 0.5:
-            # The step went too far: what it leads to is no better than where it came from.
-            values = 0.5 * (values + rested)
+        cost = np.inf
+        if np.isfinite(raw).all():
+            white = whitened(np.column_stack([raw + columns @ here, columns]))
+            r, j = white[:, 0], white[:, 1:]
+            cost = misfit(r - j @ here, here)
+        if not cost < lowest + 0.5:
+            # The step went too far: as much of it as leads down, without derivatives on the way.
+            begun = ((rested - centres) / scales)[own]
+            shorter = (placed(begun + share * step) for share in SHARES)
+            values = next((v for v in shorter if cost_of(v) < lowest), rested)
+            if values is rested:
+                break
             continue
         settled = lowest - cost < 0.5
         lowest, rested = cost, values.copy()
+        j = j if side is None else np.concatenate([j, side], axis=1)
         factor = np.linalg.cholesky(j.T @ j + np.diag(precision))
         y = solve_triangular(factor, j.T @ r, lower=True, check_finite=False)
         whole = solve_triangular(factor, y, lower=True, trans=1, check_finite=False)
@@ -360,11 +388,8 @@ def converged(
         best += allowed(factor, whole, precision, lower, upper)
         if settled:
             break
-        z = whole[: len(own)]
-        values = centres.copy()
-        for k, step in zip(own, z, strict=True):
-            one = problem.replay.unknowns[k]
-            values[k] = np.clip(one.centre + one.scale * step, one.lower, one.upper)
+        step = whole[: len(own)] - here
+        values = placed(whole[: len(own)])
     return best, rested
 
 

@@ -195,7 +195,7 @@ def build_replay(gathered: Gathered, vehicle: Vehicle, prior_width: float = 2.0)
     there = {s.name for s in gathered.streams}
     wanted = {
         "inflection way": "displacement east", "pitch wander": "vertical speed", "pitch delay": "vertical speed",
-        "lag by speed": "vertical speed", "lag of rate": "vertical speed",
+        "wander lag": "vertical speed", "lag by speed": "vertical speed", "lag of rate": "vertical speed",
         "turn": "turn depth", "turn time": "turn depth", "turn on altitude": "turn depth",
         "gauge at the surface": "depth at the surface", "stay": "surface stay", "load of a stroke": "pump in energy",
         "open circuit": "battery voltage", "charge": "battery voltage", "chart": "water depth",
@@ -344,7 +344,8 @@ def _motion(program: Program, values: Any, shapes: dict[str, Any]) -> dict[str, 
     lagged, smooth = respond(jnp.stack([still * sinking, still], axis=1), inputs.step, jnp.stack([slow, slow], axis=1))
     # Where nothing drives a motion that could be followed, the steady speed is at least no quicker than a glider.
     base = jnp.where(wet & inputs.follows, base, smooth)
-    speed = base + jnp.where(wet, quicker, 0.0)
+    hurry = jnp.diff(jax.lax.stop_gradient(quicker), prepend=quicker[:1]) / jnp.maximum(inputs.step, 0.5)
+    speed = base + jnp.where(wet, quicker - extra["wander lag"] * jnp.where(inputs.follows, hurry, 0.0), 0.0)
     rate = speed * down + extra["lag of rate"] * (lagged - base * sinking) - jnp.where(wet, water, 0.0)
     forward = speed * ahead * jnp.exp(_total(model, Channel.LOG_SPEED, sample))
     found = {}

@@ -163,9 +163,9 @@ def _answer(acting: Any, start: Any, path: Any, step: Any, follows: Any, stray: 
     """What a stray pitch adds to velocity in the hull's axes and to the mean speed, (row, 3)."""
     known = jax.lax.stop_gradient(stray)
     place = Forces._fields.index("pitch")
-    pushed = acting.at[:, place].add(known)
-    there = _path(pushed, start, step, follows)
-    by_state, by_before, by_now = _slopes(pushed, start, there, step)
+    there = _path(acting.at[:, place].add(known), start, step, follows)
+    # Those of the path itself, which its own derivatives need anyway.
+    by_state, by_before, by_now = _slopes(acting, start, path, step)
     more = stray - known
     before = jnp.concatenate([more[:1], more[:-1]])
     push = by_now[:, :, place] * more[:, None] + by_before[:, :, place] * before[:, None]

@@ -41,6 +41,7 @@ NUISANCES: tuple[Nuisance, ...] = (
     Nuisance("inflection way", 0.03, "1", "flight", "way made good while turning, share beyond the model's"),
     Nuisance("pitch wander", 0.3, "1", "flight", "answer to pitch that wanders within a half yo, more than all"),
     Nuisance("pitch delay", 2.0, "s", "flight", "time by which that answer comes early"),
+    Nuisance("wander lag", 5.0, "s", "flight", "time by which the speed answers to it later than the motion does"),
     Nuisance("lag by speed", 0.25, "1", "flight", "power of the speed with which the inertia along the path grows"),
     Nuisance("lag of rate", 0.25, "1", "flight", "share of the lag that is in the vertical speed, not along the path"),
     Nuisance("load of a stroke", 0.7, "1", "power", "whose load it bears: 1 of the phase to come, -1 of the last"),

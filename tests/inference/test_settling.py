@@ -30,10 +30,15 @@ def steady(acting):
 
 def flown(acting, follows=None):
     """Speed and angle of attack of every row, as arrays."""
+    return whole(acting, 0.0, follows)[:2]
+
+
+def whole(acting, stray, follows=None):
+    """Speed, angle of attack, and what a stray pitch adds to both, of every row."""
     n = acting.pitch.size
-    step = jnp.full(n, STEP)
+    step, stray = jnp.full(n, STEP), jnp.broadcast_to(jnp.asarray(stray, float), (n,))
     follows = jnp.arange(n) > 0 if follows is None else follows
-    return [np.asarray(x) for x in motion(acting, steady(acting), step, follows)]
+    return motion(acting, steady(acting), step, follows, stray)
 
 
 def turning(n=150, lift=LIFT):
@@ -122,11 +127,9 @@ def test_weak_wings_settle_for_minutes():
 def test_derivatives_are_those_of_the_motion(loss, name):
     """The linear pass beside the path gives what small changes of a force do."""
     base = turning(lift=LIFT * (1.0 - loss))
-    step, follows = jnp.full(base.pitch.size, STEP), jnp.arange(base.pitch.size) > 0
 
     def speeds(share):
-        acting = base._replace(**{name: getattr(base, name) * (1.0 + share)})
-        return jnp.concatenate(motion(acting, steady(acting), step, follows))
+        return jnp.concatenate(flown(base._replace(**{name: getattr(base, name) * (1.0 + share)})))
 
     _, slope = jax.jvp(speeds, (0.0,), (1.0,))
     change = (np.asarray(speeds(1e-6)) - np.asarray(speeds(-1e-6))) / 2e-6
@@ -143,3 +146,45 @@ def test_what_is_not_followed_is_steady():
     speed, attack = flown(acting, follows)
     assert speed[80] == pytest.approx(float(glide.speed_through_water[80]), rel=1e-12)
     assert attack[81:] == pytest.approx(np.asarray(glide.angle_of_attack)[81:], rel=1e-3)
+
+
+def nodding(n=150):
+    """Pitch that strays by a degree in a period of two minutes, from the second row on."""
+    return jnp.asarray(0.017 * np.sin(2.0 * np.pi * np.arange(n) * STEP / 120.0))
+
+
+@pytest.mark.parametrize("loss", [0.0, 0.43])
+def test_a_stray_pitch_is_answered_by_the_motion(loss):
+    """Speed and angle of attack with the answer are those of a glider whose pitch strays, however weak its wings."""
+    acting = turning(lift=LIFT * (1.0 - loss))
+    stray = nodding()
+    speed, attack, quicker, steeper = map(np.asarray, whole(acting, stray))
+    nodded = acting._replace(pitch=acting.pitch + stray)
+    # It starts from the same glide.
+    there, angle = map(np.asarray, flown(nodded))
+    assert speed + quicker == pytest.approx(there, abs=2e-4)
+    assert attack + steeper == pytest.approx(angle, abs=2e-3)
+    assert np.abs(quicker).max() > 0.004
+
+
+def test_weak_wings_answer_more():
+    """A glider that lost 43 % of its lift answers a nod by half as much again."""
+    size = {
+        loss: np.std(np.asarray(whole(turning(lift=LIFT * (1.0 - loss)), nodding())[2])[100:]) for loss in (0.0, 0.43)
+    }
+    assert size[0.43] > 1.4 * size[0.0]
+
+
+def test_a_stray_pitch_teaches_nothing_of_forces():
+    """What it adds has derivatives by the stray, equal to small changes of it, and none by a force."""
+    acting, stray = turning(), nodding()
+
+    def added(share, more):
+        changed = acting._replace(lift=acting.lift * (1.0 + share))
+        return jnp.concatenate(whole(changed, stray * (1.0 + more))[2:])
+
+    _, by_force = jax.jvp(lambda x: added(x, 0.0), (0.0,), (1.0,))
+    assert np.abs(np.asarray(by_force)).max() == 0.0
+    _, by_stray = jax.jvp(lambda x: added(0.0, x), (0.0,), (1.0,))
+    change = (np.asarray(added(0.0, 1e-6)) - np.asarray(added(0.0, -1e-6))) / 2e-6
+    assert np.asarray(by_stray) == pytest.approx(change, rel=1e-3, abs=1e-3 * np.abs(change).max())
