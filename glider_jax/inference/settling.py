@@ -50,6 +50,9 @@ class Forces(NamedTuple):
     across: Any
 
 
+_PITCH = Forces._fields.index("pitch")
+
+
 def steady_of(acting: Forces) -> Glide:
     """The steady glide under some forces. A recorded glide did not stall, and a fit near weak lift needs a slope."""
     return steady_glide(
@@ -159,17 +162,21 @@ def motion(forces: Forces, steady: Glide, step: Any, follows: Any, stray: Any) -
     return jnp.where(follows, mean[:, 0], still), attack, quicker, jnp.where(moving, turned, steeper)
 
 
+@jax.custom_jvp
 def _answer(acting: Any, start: Any, path: Any, step: Any, follows: Any, stray: Any) -> Any:
     """What a stray pitch adds to velocity in the hull's axes and to the mean speed, (row, 3)."""
-    known = jax.lax.stop_gradient(stray)
-    place = Forces._fields.index("pitch")
-    there = _path(acting.at[:, place].add(known), start, step, follows)
-    # Those of the path itself, which its own derivatives need anyway.
+    return _path(acting.at[:, _PITCH].add(stray), start, step, follows) - path
+
+
+@_answer.defjvp
+def _(given: Any, tangents: Any) -> tuple[Any, Any]:
+    """Derivatives by the stray alone, with those of the path beside it, which its own derivatives need anyway."""
+    acting, start, path, step, follows, _ = given
+    more = tangents[-1]
     by_state, by_before, by_now = _slopes(acting, start, path, step)
-    more = stray - known
     before = jnp.concatenate([more[:1], more[:-1]])
-    push = by_now[:, :, place] * more[:, None] + by_before[:, :, place] * before[:, None]
-    return there - path + _beside(by_state, push, jnp.zeros_like(start), follows)
+    push = by_now[:, :, _PITCH] * more[:, None] + by_before[:, :, _PITCH] * before[:, None]
+    return _answer(*given), _beside(by_state, push, jnp.zeros_like(start), follows)
 
 
 @jax.custom_jvp

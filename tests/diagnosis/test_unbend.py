@@ -86,3 +86,41 @@ def test_what_was_refused_is_not_looked_at_again():
     assert search.path == ["refused flight.drag_bias at rest: larger noise explains as much (2.9 nats)"]
     search.begun.clear()
     assert not search._unbend([0]) and not search.begun and len(search.path) == 1
+
+
+class Going(Bent):
+    """A search of two effects in the flight whose gains are given, and which never swaps."""
+
+    def __init__(self, gains):
+        super().__init__(strays=0.0, early=0.0, rested=0.0, asked=0.0)
+        self.candidates = [
+            Candidate(id, widened((Variant((1 + n,), 0.0),)), 0.0) for n, id in enumerate(gains)
+        ]
+        self.gains, self.progress = gains, lambda text: None
+        self.linear.precision = np.ones(3)
+
+    def _gain(self, candidate, active, base):
+        return self.gains[candidate.id], candidate.variants[0]
+
+    def _worth(self, k):
+        return 99.0
+
+    def alternatives(self, k):
+        return [(id, -99.0) for id in self.gains if id != self.picks[k].candidate.id]
+
+    def _swap(self, k, id):
+        raise AssertionError(id)
+
+    def refine(self):
+        """Nothing to refine."""
+
+    def relinearise(self, harden=0, learn_noise=True):
+        """Nothing moves."""
+
+
+def test_what_was_taken_back_is_not_accepted_again():
+    """Its place is taken by the next best name, whatever either was worth, and that is not swapped for it."""
+    search = Going({"flight.lift_loss": 90.0, "flight.drag_bias": 40.0})
+    search.path = ["took back flight.lift_loss: held-out dives fit worse with it"]
+    search.go_on()
+    assert [pick.candidate.id for pick in search.picks] == ["flight.drag_bias"]

@@ -8,7 +8,7 @@ import jax
 import numpy as np
 import pytest
 
-from glider_jax.config import Quantity
+from glider_jax.config import CovarianceBlock, Quantity
 from glider_jax.errors import DataError
 from glider_jax.inference.replay import build_replay
 from glider_jax.inference.settling import faster
@@ -193,3 +193,54 @@ def test_a_start_from_the_surface_settles_later_than_a_turn(world):
     first = (rows.since_surfacing == rows.since_turn) & (rows.direction < 0.0)
     assert rows.since_turn[rows.settled & first].min() > 120.0
     assert 60.0 < rows.since_turn[rows.settled & ~first].min() < 110.0
+
+
+def replayed(world, changed):
+    """The replay of the same recording with another vehicle file, and the places of its unknowns."""
+    replay = build_replay(world[0], changed)
+    return replay, [u.name for u in replay.unknowns], np.array([u.centre for u in replay.unknowns])
+
+
+DRAG, MASS, LIFT = "flight.parasite_drag", "flight.mass", "flight.lift_slope"
+
+
+def test_numbers_that_are_known_jointly_move_together(world):
+    """One coordinate of a covariance block carries the other number along; both are stated with their own sigmas."""
+    matrix = ((0.003**2, 0.8 * 0.003 * 0.004), (0.8 * 0.003 * 0.004, 0.004**2))
+    known = replace(vehicle(), covariances=(CovarianceBlock((MASS, DRAG), matrix),))
+    with jax.enable_x64(True):
+        joint, names, centres = replayed(world, known)
+        alone, _, _ = replayed(world, vehicle())
+        mass, drag = names.index(MASS), names.index(DRAG)
+        moved, same = centres.copy(), centres.copy()
+        moved[mass] += 0.003
+        same[mass] += 0.003
+        same[drag] += 0.8 * 0.004
+        found, known = joint.predict(moved)["vertical speed"], alone.predict(same)["vertical speed"]
+        np.testing.assert_allclose(found, known, atol=1e-12)
+        _, slopes = joint.jacobian(centres)
+        change = (joint.predict(moved)["vertical speed"] - joint.predict(2.0 * centres - moved)["vertical speed"]) / 2.0
+        np.testing.assert_allclose(slopes["vertical speed"][:, mass], change, atol=3e-6)
+    value, sd, away = joint.stated([mass, -1, drag], np.array([1.0, 5.0, 0.0]), np.eye(3))
+    assert value[[0, 2]] == pytest.approx(same[[mass, drag]])
+    assert sd[[0, 2]] == pytest.approx([0.003, 0.004]) and away[[0, 2]] == pytest.approx([1.0, 0.8])
+
+
+def test_a_drag_that_was_fitted_goes_with_its_lift(world):
+    """Lift that is off hardly changes the vertical speed at the pitch of the fit, and less drag is stated with it."""
+    quantities = vehicle().quantities | {LIFT: Quantity(vehicle().value(LIFT), 1.0, "rad-1")}
+    pitch = float(np.median(np.abs(world[0].rows.pitch[world[0].rows.settled])))
+    change, stated = {}, {}
+    with jax.enable_x64(True):
+        for fitted in (0.0, pitch):
+            known = quantities | {"flight.drag_fitted_at_pitch": Quantity(fitted, 0.0, "rad")}
+            replay, names, values = replayed(world, replace(vehicle(), quantities=known))
+            before = replay.predict(values)["vertical speed"]
+            z = np.array([-3.0, 0.0])
+            values[names.index(LIFT)] -= 3.0
+            change[fitted] = np.abs(replay.predict(values)["vertical speed"] - before).mean()
+            stated[fitted] = replay.stated([names.index(LIFT), names.index(DRAG)], z, 1e-4 * np.eye(2))
+    assert change[0.0] > 5e-3 > 10.0 * change[pitch]
+    given = vehicle().value(DRAG)
+    assert stated[0.0][0][1] == pytest.approx(given) and stated[pitch][0][1] < 0.97 * given
+    assert stated[pitch][1][1] > stated[0.0][1][1]

@@ -12,6 +12,7 @@ import pytest
 
 from glider_jax.config import CovarianceBlock, Quantity
 from glider_jax.errors import ConfigError
+from glider_jax.physics.flight import steady_glide
 from glider_jax.physics.library import TERMS_BY_ID
 from glider_jax.physics.model import (
     build_model,
@@ -177,6 +178,21 @@ def test_joint_draws_follow_the_covariance_block():
     np.testing.assert_allclose(np.cov(pair), BLOCK.matrix, rtol=0.12)
     wide = CovarianceBlock((SLOPE,), ((100.0,),))
     assert drawn(vehicle(covariances=(wide,)))[SLOPE].min() == pytest.approx(0.06)
+
+
+def test_a_drag_fitted_to_vertical_speed_is_drawn_with_its_lift():
+    """Weak lift is drawn with less drag: at the pitch of a fit all members sink alike, else they do not."""
+    given = {"flight__parasite_drag": quantity(0.17, 0.0), "flight__lift_slope": quantity(6.0, 1.0, "rad-1")}
+    spread = {}
+    for pitch in (0.0, 0.45):
+        found = drawn(vehicle(**given, flight__drag_fitted_at_pitch=quantity(pitch, 0.0, "rad")), 500)
+        glide = steady_glide(
+            net_buoyancy=jnp.full(500, 2.3), pitch=jnp.full(500, 0.45), density=1025.0, area=0.1,
+            parasite=found["flight.parasite_drag"], induced=found["flight.induced_drag"],
+            lift=found["flight.lift_slope"], stall_angle=jnp.inf,
+        )  # fmt: skip
+        spread[pitch] = float(np.std(np.asarray(glide.depth_rate)))
+    assert spread[0.0] > 2e-3 and spread[0.45] < 1e-5
 
 
 def test_a_new_parameter_shifts_no_other_draw():

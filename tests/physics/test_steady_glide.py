@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from glider_jax.physics.flight import attack_angle, steady_glide
+from glider_jax.physics.flight import attack_angle, drag_as_fitted, steady_glide
 from glider_jax.physics.library import LIBRARY, TERMS_BY_ID
 from glider_jax.physics.library.flow import ReynoldsDrag
 from glider_jax.physics.model import build_model, with_candidates, with_gates, with_parameters
@@ -257,3 +257,23 @@ def test_single_precision_glide():
 def test_wing_lift_slope():
     """Aspect ratio 7 and 43 degrees of sweep give 3.73 per radian."""
     assert wing_lift_slope(7.0, 43.0) == pytest.approx(3.73, abs=0.005)
+
+
+@pytest.mark.parametrize("xp", [np, jnp])
+@pytest.mark.parametrize("pitch", [0.4, 0.5])
+@pytest.mark.parametrize(("lift", "induced"), [(7.5, 10.5), (9.0, 8.0), (5.0, 12.0), (4.0, 10.5)])
+def test_a_drag_as_it_would_have_been_fitted_keeps_the_vertical_speed(xp, pitch, lift, induced):
+    """With the lift that is asked for and the drag that goes with it the glide sinks as the one that was fitted."""
+    fitted = (0.17, 7.5, 10.5)
+    with jax.enable_x64(True):
+        drag = drag_as_fitted(xp.asarray(lift), xp.asarray(induced), given=fitted, pitch=xp.asarray(pitch), xp=xp)
+        rates = [
+            float(steady_glide(
+                net_buoyancy=jnp.asarray(2.3), pitch=jnp.asarray(pitch), density=1025.0, area=0.1,
+                parasite=jnp.asarray(p), induced=i, lift=a, stall_angle=jnp.inf,
+            ).depth_rate)
+            for p, a, i in (fitted, (float(drag), lift, induced))
+        ]  # fmt: skip
+    assert rates[0] == pytest.approx(rates[1], rel=1e-6)
+    assert (lift, induced) != fitted[1:] or float(drag) == pytest.approx(fitted[0], rel=1e-6)
+    assert lift > 5.0 or float(drag) < 0.165
