@@ -11,6 +11,7 @@ import hashlib
 import importlib
 import inspect
 import json
+import os
 import secrets
 import shutil
 import time
@@ -297,6 +298,14 @@ def natural(out: Path, recording: str, settings: Mapping[str, Any]) -> dict:
     return json.loads(kept.read_text(encoding="utf-8"))
 
 
+def _bound(shares: Any, jobs: int) -> None:
+    """Keep a worker to its share of the cores: threads of several that meet on all of them wait for each other."""
+    k = shares.get()
+    if hasattr(os, "sched_setaffinity"):
+        cores = sorted(os.sched_getaffinity(0))
+        os.sched_setaffinity(0, cores[k % len(cores) :: jobs] or cores)
+
+
 def _write(path: Path, value: Mapping) -> None:
     """Write JSON in one move, so that an interrupted run leaves no half file."""
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -356,7 +365,11 @@ def prove(
         for truth in left:
             note(truth["name"], run_case(out, truth, settings), None)
     else:
-        with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+        context = get_context("spawn")
+        shares = context.SimpleQueue()
+        for k in range(jobs):
+            shares.put(k)
+        with ProcessPoolExecutor(jobs, context, _bound, (shares, jobs)) as pool:
             tasks = {pool.submit(run_case, out, t, settings): t["name"] for t in left}
             for task in as_completed(tasks):
                 error = task.exception()
