@@ -30,6 +30,21 @@ def pytest_collection_modifyitems(config, items):
                 item.add_marker(skip)
 
 
+#: Bytes of resident memory beyond which compiled programs are let go between modules.
+ROOM = 4e9
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _room():
+    """Programs of modules that are done do not pile up: the suite compiles some thousands of them."""
+    yield
+    pages = Path("/proc/self/statm")
+    if pages.exists() and int(pages.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") > ROOM:
+        import jax
+
+        jax.clear_caches()
+
+
 @pytest.fixture(scope="session")
 def real():
     """Return a function that gives the path of a real file, or skips the test with a reason."""
