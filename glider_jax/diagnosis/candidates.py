@@ -107,21 +107,21 @@ class Looks:
             shapes = {
                 name: prior.median * float(np.exp(z * np.log(prior.factor))) for name, (_, prior) in self.shaped.items()
             }
-            _, columns = self.replay.slopes(self.problem.values, {**shapes, **self.problem.shapes}, self._bent())
+            _, columns, _ = self.replay.slopes(self.problem.values, {**shapes, **self.problem.shapes}, self._bent())
             self.grids.append((z, shapes, columns))
         self._look_far()
 
     def _look_far(self) -> None:
         """Effects far from linear at values beside zero: their slope there, and what they do beyond that slope."""
         self.far = []
-        base, _ = self.replay.slopes(self.problem.values, self.problem.shapes, [0])
+        base = self.replay.slopes(self.problem.values, self.problem.shapes, [0])[0]
         for i, unknown in enumerate(self.replay.unknowns):
             if unknown.kind != "candidate":
                 continue
             for value in declared(TERMS_BY_ID[unknown.term])[unknown.name.rsplit(".", 1)[1]].looks:
                 values = self.problem.values.copy()
                 values[i] = value
-                there, slope = self.replay.slopes(values, self.problem.shapes, [i])
+                there, slope, _ = self.replay.slopes(values, self.problem.shapes, [i])
                 z = (value - unknown.centre) / unknown.scale
                 both = {
                     name: np.stack([column[:, 0], there[name] - base[name] - z * column[:, 0]], axis=1)

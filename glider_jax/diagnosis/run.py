@@ -24,10 +24,10 @@ from glider_jax.diagnosis.flow import name_flow
 from glider_jax.diagnosis.misses import explain
 from glider_jax.diagnosis.schema import document
 from glider_jax.diagnosis.screen import Search
-from glider_jax.diagnosis.tune import tune, widened
+from glider_jax.diagnosis.tune import estimates, tune
 from glider_jax.diagnosis.unexplained import Named, Remainder, remainders, stuck
 from glider_jax.errors import DataError, did_you_mean
-from glider_jax.inference.fit import make_problem, robust_covariance
+from glider_jax.inference.fit import make_problem
 from glider_jax.inference.kinematics import held
 from glider_jax.inference.replay import build_replay
 from glider_jax.inference.streams import Gathered, gather
@@ -184,15 +184,13 @@ def _find(recording, vehicle, mission, currents, bathymetry, settings, tell) -> 
     tune(search)
     tell("held-out dives")
     linear, fixed, active = search.linear, search.plain, search.active
-    mean, covariance = linear.solve(active)
-    covariance = widened(search, robust_covariance(linear, active, mean, covariance))
+    mean, covariance = estimates(search)
     effects = {pick.candidate.id: list(pick.variant.columns) for pick in search.picks}
     blocks = confirm(search.problem, linear, fixed, effects, settings["hold_out"])
     if search.reject(blocks.effects):
         tune(search)
         linear, fixed, active = search.linear, search.plain, search.active
-        mean, covariance = linear.solve(active)
-        covariance = widened(search, robust_covariance(linear, active, mean, covariance))
+        mean, covariance = estimates(search)
         effects = {pick.candidate.id: list(pick.variant.columns) for pick in search.picks}
         blocks = confirm(search.problem, linear, fixed, effects, settings["hold_out"])
     last = confirm(search.problem, linear, fixed, effects, "last")

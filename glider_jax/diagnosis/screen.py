@@ -63,7 +63,9 @@ class Search:
         self.path: list[str] = []
         self.linear: Linear | None = None
         self.firsts: dict[str, float] = {}
-        self.known: dict[tuple, float] = {}
+        self.known: dict[tuple, tuple[float, Array]] = {}
+        self.kept: set[tuple[str, str]] = set()
+        self.opened = 0.0
         self.early: dict[str, float] = {}
 
     def run(self) -> None:
@@ -112,7 +114,7 @@ class Search:
         if self.linear is not None:
             self._step()
         if learn_noise:
-            self.known = {}
+            self.known, self.kept = {}, set()
         periods = tuple(t for t in TIDES if t < self.looks.duration)
         beside = stack(
             self.problem, {"vertical speed": heaving(self.problem.gathered, periods, 0.01)}, 2 * len(periods)
@@ -125,6 +127,10 @@ class Search:
             integrate=beside,
             independent=self.independent,
         )
+        opened = sum(float(np.sum(noise.open)) for noise in self.problem.noises)
+        if opened != self.opened:
+            # Sets are compared on the same rows alone.
+            self.known, self.opened = {}, opened
         self.candidates = [c for c in self.looks.candidates(self.linear.labels) if self.allowed(c)]
         kinds = [
             self.problem.replay.unknowns[c.unknown].kind if c.unknown >= 0 else "fixed" for c in self.linear.labels
@@ -137,7 +143,7 @@ class Search:
 
     def _step(self) -> None:
         """Set the unknowns to their posterior means under the accepted set; everything else to its centre."""
-        _, self.problem.values = self._converged(self.picks)
+        _, self.problem.values = self._fitted(self.picks)
         self.problem.shapes = {k: v for pick in self.picks for k, v in pick.variant.shapes.items()}
 
     def _rebind(self) -> None:
@@ -212,11 +218,15 @@ class Search:
 
     def _rest(self, picks: list[Pick]) -> float:
         """Evidence of some effects at their converged fit, under the noise as it is."""
+        return self._fitted(picks)[0]
+
+    def _fitted(self, picks: list[Pick]) -> tuple[float, Array]:
+        """The same and the values there, found once under one noise."""
         key = tuple(
             sorted((p.candidate.id, p.variant.width, tuple(sorted(p.variant.shapes.items()))) for p in picks)
         )
         if key not in self.known:
-            self.known[key], _ = self._converged(picks)
+            self.known[key] = self._converged(picks)
         return self.known[key]
 
     def _converged(self, picks: list[Pick]) -> tuple[float, Array]:
@@ -294,9 +304,25 @@ class Search:
                 break
         else:
             return self._unbend(active)
-        self.path.append(f"accepted {candidate.id} ({gain:.1f} nats)")
-        self.picks.append(self.pick(candidate, active, base))
+        picked = self._against_far(self.pick(candidate, active, base), gains)
+        candidate, gain = picked.candidate, picked.evidence
+        self.path.append(f"accepted {picked.candidate.id} ({gain:.1f} nats)")
+        self.picks.append(picked)
         return True
+
+    def _against_far(self, best: Pick, gains: list) -> Pick:
+        """The best of the next effects: of those that move the flight, one that was looked at away from zero is judged
+        against it where each comes to rest, since the linear problem tells little of it.
+        """
+        active, base = self.active, self.linear.score(self.active)
+        for (gain, variant), rival in gains if self._moves_flight(best.candidate) else []:
+            if rival is best.candidate or variant.shift < 0 or gain <= ACCEPT:
+                continue
+            other = self.pick(rival, active, base)
+            ahead = self._rest([*self.picks, other]) - self._rest([*self.picks, best])
+            if ahead + rival.log_odds + other.looked > best.candidate.log_odds + best.looked:
+                best = other
+        return best
 
     def _unbend(self, active: list[int]) -> bool:
         """Accept the best effect that calibrations of the flight stand for; False where there is none.
@@ -411,7 +437,7 @@ class Search:
         back = f"swapped {id} for {self.picks[k].candidate.id}"
         if any(done.startswith((line, back)) for done in self.path):
             return False
-        if ("kept", self.picks[k].candidate.id, id) in self.known:
+        if (self.picks[k].candidate.id, id) in self.kept:
             return False
         candidate = next(c for c in self.candidates if c.id == id)
         without = self._without(k)
@@ -421,7 +447,7 @@ class Search:
         gain += candidate.log_odds + other.looked - mine.candidate.log_odds - mine.looked
         if gain < SWAP:
             self.path.append(f"kept {mine.candidate.id} before {id} ({gain:.1f} nats)")
-            self.known[("kept", mine.candidate.id, id)] = gain
+            self.kept.add((mine.candidate.id, id))
             return False
         self.path.append(f"{line} ({gain:.1f} nats)")
         self.picks = changed

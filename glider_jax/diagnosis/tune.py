@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from glider_jax.inference.fit import rows_of
+from glider_jax.inference.fit import robust_covariance, rows_of
 from glider_jax.physics.library import TERMS_BY_ID
 from glider_jax.physics.term import declared
 from glider_jax.records import Array
@@ -49,6 +49,23 @@ def tune(search: Search) -> None:
             search.picks, (search.problem.values, search.problem.shapes) = picks, at
             search.relinearise(learn_noise=False)
             return
+
+
+def estimates(search: Search) -> tuple[Array, Array]:
+    """Values of the active columns in prior units, and their covariance with what shapes and whole dives add.
+
+    A fit that rests although the linear problem points elsewhere lies in a valley that bends: the values are those at
+    which it rests, and the way to where it points is counted as not known.
+    """
+    linear, active = search.linear, search.active
+    mean, known = linear.solve(active)
+    covariance = widened(search, robust_covariance(linear, active, mean, known))
+    here = (search.problem.values - search.problem.centres()) / search.problem.scales()
+    own = [linear.labels[i].unknown for i in active]
+    away = np.array([m - here[k] if k >= 0 else 0.0 for m, k in zip(mean, own, strict=True)])
+    if (np.abs(away) > np.sqrt(np.diag(known))).any():
+        return mean - away, covariance + np.outer(away, away)
+    return mean, covariance
 
 
 def widened(search: Search, covariance: Array) -> Array:

@@ -23,8 +23,9 @@ from glider_jax.records import Array
 #: the temperature changes as fast as it does on average. Published vertical water velocities claim 4 to 5 mm/s.
 INADEQUACY, IN_LAYERS = 3e-4, 5e-4
 NODES = 4
-#: Shares of a step that went too far, tried one after the other.
-SHARES = (0.5, 0.25, 0.1, 0.04, 0.015)
+#: Shares of a step that went too far, and how stiff the way is made against directions that are known badly, which a
+#: valley that bends asks for.
+SHARES, STIFF = (1.0, 0.5, 0.25, 0.1), (0.1, 1.0, 10.0, 100.0)
 #: Windows of quiet power up to which dives and climbs are whitened together.
 MOST_LOADS = 600
 #: s; periods of the heaving water that are integrated out of the noise beside the library.
@@ -248,7 +249,10 @@ def linearise(
     integrate : (n, k) columns integrated out of the noise beside the unknowns' own.
     independent : take every number as independent, for comparison only.
     """
-    predicted, own = problem.replay.jacobian(problem.values, problem.shapes)
+    predicted, own, loose = problem.replay.jacobian(problem.values, problem.shapes)
+    for noise in problem.noises:
+        # What was open once stays so: sets of effects are compared on rows of which all can speak.
+        noise.leave_open(loose, keep=True)
     streams = {s.name: s for s in problem.gathered.streams}
     ahead = (problem.values - problem.centres()) / problem.scales()
     raw = np.concatenate([streams[n].value - predicted[n] for n in problem.names])
@@ -308,7 +312,8 @@ def converged(
 ) -> tuple[float, Array]:
     """Evidence of a set of unknowns where their fit comes to rest, under the noise as it is, and the values there.
 
-    Sets can be compared with each other however far from linear their effects are: each is judged at its own best.
+    Sets can be compared with each other however far from linear their effects are: each is judged at its own best, with
+    what turns leave open there.
 
     Parameters
     ----------
@@ -333,13 +338,16 @@ def converged(
     values = centres.copy()
     values[own] = start[own]
 
-    def whitened(raw: Array) -> Array:
-        pairs = zip(problem.noises, rows_of(problem), strict=True)
-        return np.concatenate([noise.whiten(raw[rows])[0] for noise, rows in pairs])
+    def whitened(raw: Array, loose: dict[str, Array]) -> tuple[Array, Array | None, float]:
+        """Residuals and columns, the further columns, and half the logarithm of the determinant of the noise."""
+        for noise in problem.noises:
+            noise.leave_open(loose)
+        both = raw if more is None else np.column_stack([raw, more])
+        parts = [noise.whiten(both[rows]) for noise, rows in zip(problem.noises, rows_of(problem), strict=True)]
+        white, half = np.concatenate([part for part, _ in parts]), sum(half for _, half in parts)
+        return white[:, : raw.shape[1]], None if more is None else white[:, raw.shape[1] :], half
 
-    side = None if more is None else whitened(more)
-
-    def misfit(left: Array, here: Array) -> float:
+    def misfit(left: Array, side: Array | None, here: Array) -> float:
         """Half the sum of squares that is left beside the further columns, and of the prior."""
         if side is not None:
             left = left - side @ np.linalg.solve(side.T @ side + np.eye(side.shape[1]), side.T @ left)
@@ -353,43 +361,60 @@ def converged(
         return found
 
     def cost_of(values: Array) -> float:
-        predicted = problem.replay.predict(values, shapes)
+        predicted, loose = problem.replay.foresee(values, shapes)
         raw = np.concatenate([streams[n].value - predicted[n] for n in problem.names])
         if not np.isfinite(raw).all():
             return np.inf
-        return misfit(whitened(raw[:, None])[:, 0], ((values - centres) / scales)[own])
+        white, side, half = whitened(raw[:, None], loose)
+        return misfit(white[:, 0], side, ((values - centres) / scales)[own]) + half
 
+    def furthest() -> Array | None:
+        """Where the last step, a part of it or a stiffer one leads down furthest; None where nothing does."""
+        inner, outer = normal[: len(own), : len(own)], normal[: len(own), len(own) :]
+        inner = inner - outer @ np.linalg.solve(normal[len(own) :, len(own) :], outer.T)
+        changes = [share * step for share in SHARES]
+        changes += [np.linalg.solve(inner + stiff * np.diag(np.diag(inner)), inner @ step) for stiff in STIFF]
+        begun = ((rested - centres) / scales)[own]
+        costs = {cost_of(found): found for found in (placed(begun + change) for change in changes)}
+        return costs[min(costs)] if min(costs) < lowest else None
+
+    normal, careful = np.eye(count), False
+    before = [noise.open for noise in problem.noises]
     best, lowest, rested, step = -np.inf, np.inf, values.copy(), np.zeros(len(own))
     for _ in range(rounds):
-        predicted, slopes = problem.replay.slopes(values, shapes, own)
+        predicted, slopes, loose = problem.replay.slopes(values, shapes, own)
         raw = np.concatenate([streams[n].value - predicted[n] for n in problem.names])
         columns = np.nan_to_num(np.concatenate([slopes[n] for n in problem.names]))
         here = ((values - centres) / scales)[own]
         cost = np.inf
         if np.isfinite(raw).all():
-            white = whitened(np.column_stack([raw + columns @ here, columns]))
+            white, side, half = whitened(np.column_stack([raw + columns @ here, columns]), loose)
             r, j = white[:, 0], white[:, 1:]
-            cost = misfit(r - j @ here, here)
+            cost = misfit(r - j @ here, side, here) + half
         if not cost < lowest + 0.5:
-            # The step went too far: as much of it as leads down, without derivatives on the way.
-            begun = ((rested - centres) / scales)[own]
-            shorter = (placed(begun + share * step) for share in SHARES)
-            values = next((v for v in shorter if cost_of(v) < lowest), rested)
-            if values is rested:
+            # The step went too far; from here on each is tried out first: whole, in part and stiffer.
+            careful, values = True, furthest()
+            if values is None:
                 break
             continue
         settled = lowest - cost < 0.5
         lowest, rested = cost, values.copy()
         j = j if side is None else np.concatenate([j, side], axis=1)
-        factor = np.linalg.cholesky(j.T @ j + np.diag(precision))
+        normal = j.T @ j + np.diag(precision)
+        factor = np.linalg.cholesky(normal)
         y = solve_triangular(factor, j.T @ r, lower=True, check_finite=False)
         whole = solve_triangular(factor, y, lower=True, trans=1, check_finite=False)
-        best = float(0.5 * (y @ y - r @ r) - np.log(np.diag(factor)).sum() + 0.5 * np.log(precision).sum())
-        best += allowed(factor, whole, precision, lower, upper)
+        # What a step would gain that does not lead down is no evidence.
+        best = -cost - np.log(np.diag(factor)).sum() + 0.5 * np.log(precision).sum()
+        best = float(best + allowed(factor, whole, precision, lower, upper))
         if settled:
             break
         step = whole[: len(own)] - here
-        values = placed(whole[: len(own)])
+        values = furthest() if careful else placed(whole[: len(own)])
+        if values is None:
+            break
+    for noise, open_ in zip(problem.noises, before, strict=True):
+        noise.open = open_
     return best, rested
 
 

@@ -9,6 +9,7 @@ one then raise an alarm.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -42,6 +43,8 @@ class SeriesNoise:
     stream: Stream
     sizes: Array = field(default_factory=lambda: np.zeros(4))
     inflation: Array | None = None
+    open: Array | float = 0.0
+    kept: Array | float = 0.0
 
     def __post_init__(self) -> None:
         s = self.stream
@@ -70,7 +73,7 @@ class SeriesNoise:
         """Independent unit-variance residuals, (n, k), and half the logarithm of the covariance's determinant."""
         sizes = self.sizes if sizes is None else sizes
         white, offset, slow, tau = np.exp(sizes)
-        variance = (white**2 / self.stream.weight + self.floor**2) * self.inflation
+        variance = (white**2 / self.stream.weight + self.floor**2) * self.inflation + self.open**2
         order = self.order
         if self.n <= DENSE:
             return self._dense(columns, variance, offset, slow, tau)
@@ -103,6 +106,11 @@ class SeriesNoise:
         return -0.5 * sum(
             ((x - np.log(q.median)) / np.log(q.factor)) ** 2 for x, q in zip(sizes, self.laws, strict=True)
         )
+
+    def leave_open(self, sds: Mapping[str, Array], keep: bool = False) -> None:
+        """Take over what predictions are open by, (n,) per stream, in its unit; at least as much as was kept before."""
+        self.open = np.maximum(self.kept, sds.get(self.names[0], 0.0))
+        self.kept = self.open if keep else self.kept
 
     def harden(self, whitened: Array) -> None:
         """Give large residuals the weight that heavy tails leave them."""
@@ -163,6 +171,8 @@ class CourseNoise:
     product: bool
     sizes: Array = field(default_factory=lambda: np.zeros(6))
     inflation: Array | None = None
+    open: Array | float = 0.0
+    kept: Array | float = 0.0
 
     def __post_init__(self) -> None:
         pairs = [p for p in (self.displacement, self.drift) if p is not None]
@@ -215,7 +225,7 @@ class CourseNoise:
         above = self.mean @ np.exp(-self.lags / brief) @ self.mean.T
         up = self.at_surface.astype(float)
         white = np.where(self.at_surface, drifted**2 / self.weight, displaced**2)
-        return error**2 * whole + surface**2 * above * np.outer(up, up) + np.diag(white * self.inflation)
+        return error**2 * whole + surface**2 * above * np.outer(up, up) + np.diag(white * self.inflation + self.open**2)
 
     def whiten(self, columns: Array, sizes: Array | None = None) -> tuple[Array, float]:
         """As for a series, with east and north independent and alike."""
@@ -226,6 +236,13 @@ class CourseNoise:
         return out, 2.0 * float(np.log(np.diag(lower)).sum())
 
     belief = SeriesNoise.belief
+
+    def leave_open(self, sds: Mapping[str, Array], keep: bool = False) -> None:
+        """As for a series; a drift at the surface knows no turn."""
+        if self.displacement is not None and self.displacement[0].name in sds:
+            way = np.pad(sds[self.displacement[0].name], (0, int(self.at_surface.sum())))
+            self.open = np.maximum(self.kept, way)
+            self.kept = self.open if keep else self.kept
 
     def harden(self, whitened: Array) -> None:
         """Give moments whose whitened residual is large the weight that heavy tails leave them."""
@@ -245,6 +262,7 @@ class LoadNoise:
     climbs: Stream
     sizes: Array = field(default_factory=lambda: np.zeros(6))
     inflation: Array | None = None
+    open: float = 0.0
 
     def __post_init__(self) -> None:
         both = (self.dives, self.climbs)
@@ -283,6 +301,9 @@ class LoadNoise:
 
     belief = SeriesNoise.belief
     harden = SeriesNoise.harden
+
+    def leave_open(self, sds: Mapping[str, Array], keep: bool = False) -> None:
+        """A load knows no turn."""
 
 
 Noise = SeriesNoise | CourseNoise | LoadNoise

@@ -34,7 +34,16 @@ from glider_jax.inference.settling import (
     usual_drag,
 )  # fmt: skip
 from glider_jax.inference.streams import Gathered, Inputs, Sizes
-from glider_jax.inference.unknowns import GAUGE_DEPTH, NUISANCES, RESPONSE_SHARE, Unknown, groups_of, tied_by
+from glider_jax.inference.unknowns import (
+    GAUGE_DEPTH,
+    NUISANCES,
+    RESPONSE_SHARE,
+    Unknown,
+    channels_of,
+    groups_of,
+    nuisances,
+    tied_by,
+)
 from glider_jax.physics.battery import Pack, build_pack
 from glider_jax.physics.flight import Glide, drag_as_fitted
 from glider_jax.physics.library import LIBRARY
@@ -51,6 +60,9 @@ from glider_jax.physics.model import (
 )
 from glider_jax.physics.term import Channel, Sample, declared
 from glider_jax.records import Array
+
+#: Numbers of every stream's rows, by its name.
+Rows = dict[str, Array]
 
 
 class Program(eqx.Module):
@@ -94,16 +106,19 @@ class Replay:
         """Names of the streams."""
         return tuple(self.places)
 
-    def predict(self, values: Array, shapes: dict[str, Any] | None = None) -> dict[str, Array]:
+    def predict(self, values: Array, shapes: dict[str, Any] | None = None) -> Rows:
         """Every stream, for the values of all unknowns (in their units) and of shape parameters."""
-        return self._cut(_predict(self.program, jnp.asarray(values), self._whole(shapes)))
+        return self.foresee(values, shapes)[0]
 
-    def jacobian(
-        self, values: Array, shapes: dict[str, Any] | None = None
-    ) -> tuple[dict[str, Array], dict[str, Array]]:
-        """Predictions, and their derivatives by all unknowns, (n, unknowns) per unit of each unknown's scale."""
-        found, columns = _jacobian(self.program, jnp.asarray(values), self._whole(shapes))
-        return self._cut(found), self._cut(columns)
+    def foresee(self, values: Array, shapes: dict[str, Any] | None = None) -> tuple[Rows, Rows]:
+        """Every stream as :meth:`predict`, and the sds (n,) by which turns leave some of them open."""
+        found, loose = _predict(self.program, jnp.asarray(values), self._whole(shapes))
+        return self._cut(found), self._cut(loose)
+
+    def jacobian(self, values: Array, shapes: dict[str, Any] | None = None) -> tuple[Rows, Rows, Rows]:
+        """Predictions, derivatives (n, unknowns) per unit of each unknown's scale, and sds as :meth:`foresee`."""
+        found, columns, loose = _jacobian(self.program, jnp.asarray(values), self._whole(shapes))
+        return self._cut(found), self._cut(columns), self._cut(loose)
 
     def stated(self, own: Sequence[int], mean: Array, covariance: Array) -> tuple[Array, Array, Array]:
         """Values and sds of some unknowns in their units, and values in prior sds; ``own`` (k,) may hold -1.
@@ -121,22 +136,21 @@ class Replay:
         sd = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", push, covariance, push), 0.0))
         return value, sd, (value - centre[own]) / scale[own]
 
-    def slopes(
-        self, values: Array, shapes: dict[str, Any] | None, own: Sequence[int]
-    ) -> tuple[dict[str, Array], dict[str, Array]]:
+    def slopes(self, values: Array, shapes: dict[str, Any] | None, own: Sequence[int]) -> tuple[Rows, Rows, Rows]:
         """As :meth:`jacobian`, by some unknowns alone, (n, own): as cheap as they are few."""
         long = next((n for n in FEW if n >= len(own)), None)
         if long is None:
-            found, columns = self.jacobian(values, shapes)
-            return found, {name: column[:, list(own)] for name, column in columns.items()}
+            found, columns, loose = self.jacobian(values, shapes)
+            return found, {name: column[:, list(own)] for name, column in columns.items()}, loose
         directions = np.zeros((long, len(self.unknowns)))
         directions[np.arange(len(own)), list(own)] = np.asarray(self.program.scales)[list(own)]
-        found, columns = _along(self.program, jnp.asarray(values), self._whole(shapes), jnp.asarray(directions))
-        return self._cut(found), {name: column[:, : len(own)] for name, column in self._cut(columns).items()}
+        found, columns, loose = _along(self.program, jnp.asarray(values), self._whole(shapes), jnp.asarray(directions))
+        columns = {name: column[:, : len(own)] for name, column in self._cut(columns).items()}
+        return self._cut(found), columns, self._cut(loose)
 
     def _cut(self, found: dict[str, Any]) -> dict[str, Array]:
         """Streams without what filled them up."""
-        return {name: np.asarray(found[part])[rows] for name, (part, rows) in self.places.items()}
+        return {name: np.asarray(found[part])[rows] for name, (part, rows) in self.places.items() if part in found}
 
     def _whole(self, shapes: dict[str, Any] | None) -> dict[str, Any]:
         """All shape parameters as arrays, so that other values never trace anew."""
@@ -185,26 +199,14 @@ def build_replay(gathered: Gathered, vehicle: Vehicle, prior_width: float = 2.0)
     if "flight.response_time" not in vehicle.quantities:
         centres["flight.response_time"] = response_of(gathered.rows, parameters(base))
         known["flight.response_time"] = RESPONSE_SHARE * centres["flight.response_time"]
-    owners = {f"{t.info.id}": t for t in base.terms}
     for name, sigma in known.items():
         if name not in infos or name == "flight.pump_rate":
             continue
-        channels = _channels_of(name, owners)
+        channels = channels_of(name, base.terms)
         least = SHORTEST * centres[name] if name == "flight.response_time" else -np.inf
         unknowns.append(Unknown(name, name, "calibration", centres[name], sigma, groups_of(channels), least))
-    there = {s.name for s in gathered.streams}
-    wanted = {
-        "inflection way": "displacement east", "pitch wander": "vertical speed", "pitch delay": "vertical speed",
-        "wander lag": "vertical speed", "lag by speed": "vertical speed", "lag of rate": "vertical speed",
-        "turn": "turn depth", "turn time": "turn depth", "turn on altitude": "turn depth",
-        "gauge at the surface": "depth at the surface", "stay": "surface stay", "load of a stroke": "pump in energy",
-        "open circuit": "battery voltage", "charge": "battery voltage", "chart": "water depth",
-    }  # fmt: skip
-    for one in NUISANCES:
-        if wanted[one.name] in there:
-            # A general curve of a kind of pack is not this pack's; two points were given for this very one.
-            loose = 8.0 if wanted[one.name] == "battery voltage" and len(vehicle.battery.voltage_curve) > 2 else 1.0
-            unknowns.append(Unknown(one.name, one.name, "nuisance", 0.0, loose * one.sd, frozenset({one.group})))
+    # A general curve of a kind of pack is not this pack's; two points were given for this very one.
+    unknowns += nuisances({s.name for s in gathered.streams}, 8.0 if len(vehicle.battery.voltage_curve) > 2 else 1.0)
     unknowns, joint = tied_by(unknowns, vehicle.covariances)
     program = _program(gathered, model, vehicle, unknowns, joint, usual_drag(gathered.rows, parameters(base)))
     return Replay(program, tuple(unknowns), _places(gathered))
@@ -243,13 +245,6 @@ def _places(gathered: Gathered) -> dict[str, tuple[str, slice]]:
         part, first = joined.get(stream.name, (stream.name, 0))
         found[stream.name] = (part, slice(first, first + stream.n))
     return found
-
-
-def _channels_of(name: str, owners: dict[str, Any]):
-    for term in owners.values():
-        if name in {info.quantity for info in declared(term).values()} or name.startswith(term.info.id + "."):
-            return term.info.channels
-    return (Channel.NET_BUOYANCY,)
 
 
 def _value(model: FlightModel, name: str) -> float:
@@ -316,8 +311,8 @@ def _acting(model: FlightModel, sample: Sample, along: Any) -> tuple[Forces, Gli
     return acting._replace(along=along), jax.vmap(steady_of)(acting)
 
 
-def _motion(program: Program, values: Any, shapes: dict[str, Any]) -> dict[str, Any]:
-    """Vertical speed, displacements, drifts and speed through water.
+def _motion(program: Program, values: Any, shapes: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Vertical speed, displacements, drifts and speed through water, and by how much turns leave some of them open.
 
     Pitch that wanders within a half yo moves the path as much as a nuisance leaves open, and the speed in a time of its
     own, so that only half yos that differ teach lift and inertia.
@@ -332,14 +327,14 @@ def _motion(program: Program, values: Any, shapes: dict[str, Any]) -> dict[str, 
     water = _total(model, Channel.VERTICAL_WATER_VELOCITY, sample)
     # Inertia that makes the usual glide answer in the response time.
     acting, steady = _acting(model, sample, tau * sample.density * model.body.wing_area * program.drag)
-    pace = faster(jnp.where(wet, steady.speed_through_water, 0.0), inputs.window >= 0)
+    still = jnp.where(wet, steady.speed_through_water, 0.0)
+    pace = faster(still, inputs.window >= 0)
     acting = acting._replace(along=acting.along * pace ** extra["lag by speed"])
-    base, attack, quicker, steeper = motion(acting, steady, inputs.step, inputs.follows, stray)
-    usual = acting.pitch + attack
-    angle = usual + stray + steeper
+    begun = steady._replace(speed_through_water=still)  # what floats is at rest
+    base, attack, quicker, steeper, loose = motion(acting, begun, inputs.step, inputs.follows, stray)
+    usual, angle = acting.pitch + attack, acting.pitch + attack + stray + steeper
     sinking = -jnp.sin(usual)
     down, ahead = -jnp.sin(angle), jnp.cos(angle)
-    still = jnp.where(wet, steady.speed_through_water, 0.0)
     slow = tau * pace ** (extra["lag by speed"] - 1.0)
     lagged, smooth = respond(jnp.stack([still * sinking, still], axis=1), inputs.step, jnp.stack([slow, slow], axis=1))
     # Where nothing drives a motion that could be followed, the steady speed is at least no quicker than a glider.
@@ -348,7 +343,7 @@ def _motion(program: Program, values: Any, shapes: dict[str, Any]) -> dict[str, 
     speed = base + jnp.where(wet, quicker - extra["wander lag"] * jnp.where(inputs.follows, hurry, 0.0), 0.0)
     rate = speed * down + extra["lag of rate"] * (lagged - base * sinking) - jnp.where(wet, water, 0.0)
     forward = speed * ahead * jnp.exp(_total(model, Channel.LOG_SPEED, sample))
-    found = {}
+    found, open_ = {}, {}
 
     def recorded(s: Sample) -> Any:
         return jax.grad(lambda z: model.total(Channel.PRESSURE_OFFSET, s._replace(depth=z)))(s.depth)
@@ -358,6 +353,7 @@ def _motion(program: Program, values: Any, shapes: dict[str, Any]) -> dict[str, 
         slot = jnp.where(inputs.window >= 0, inputs.window, sizes.window)
         summed = jax.ops.segment_sum(inputs.window_weight * rate * gauge, slot, sizes.window + 1)
         found["vertical speed"] = summed[:-1]
+        open_["vertical speed"] = jax.ops.segment_sum(inputs.window_weight * loose, slot, sizes.window + 1)[:-1]
     if inputs.speeds.size:
         found["speed through water"] = speed[inputs.speeds]
     if sizes.course or sizes.drift:
@@ -375,16 +371,18 @@ def _motion(program: Program, values: Any, shapes: dict[str, Any]) -> dict[str, 
                 slot = jnp.where(inputs.course >= 0, inputs.course, sizes.course)
                 moved = inputs.course_share * (forward * way + flow)
                 found[f"displacement {name}"] = jax.ops.segment_sum(moved, slot, sizes.course + 1)[:-1]
+                apart = jnp.where(settled, inputs.course_share * loose, 0.0)
+                open_[f"displacement {name}"] = jax.ops.segment_sum(apart, slot, sizes.course + 1)[:-1]
             if sizes.drift:
                 slot = jnp.where(inputs.drift >= 0, inputs.drift, sizes.drift)
                 found[f"surface drift {name}"] = jax.ops.segment_sum(inputs.drift_share * flow, slot, sizes.drift + 1)[
                     :-1
                 ]
-    return found
+    return found, open_
 
 
-def _power(program: Program, values: Any, shapes: dict[str, Any]) -> dict[str, Any]:
-    """Energy, power, voltage, turning depths and what else the instruments say."""
+def _power(program: Program, values: Any, shapes: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Energy, power, voltage, turning depths and what else the instruments say; no turn leaves them open."""
     model, extra = _set(program, values, shapes)
     inputs = program.inputs
     found: dict[str, Any] = {}
@@ -444,7 +442,7 @@ def _power(program: Program, values: Any, shapes: dict[str, Any]) -> dict[str, A
     if inputs.ratios.size:
         sample = _sample({"depth": inputs.ratios})
         found["charge counter"] = _total(model, Channel.CHARGE_GAIN, sample)
-    return {name: value for name, value in found.items() if value.size}
+    return {name: value for name, value in found.items() if value.size}, {}
 
 
 @eqx.filter_jit
@@ -461,8 +459,13 @@ def _stated(program: Program, values: Any) -> tuple[Any, Any]:
 
 
 @eqx.filter_jit
-def _predict(program: Program, values: Any, shapes: dict[str, Any]) -> dict[str, Any]:
-    return {**_motion(program, values, shapes), **_power(program, values, shapes)}
+def _predict(program: Program, values: Any, shapes: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    return _both(program, values, shapes)
+
+
+def _both(program: Program, values: Any, shapes: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    found, loose = _motion(program, values, shapes)
+    return {**found, **_power(program, values, shapes)[0]}, loose
 
 
 #: m s-1; vertical speed at which the depth past a turn is told, so that its time is told by faster and slower turns.
@@ -475,21 +478,23 @@ FEW = (32,)
 
 
 @eqx.filter_jit
-def _along(program: Program, values: Any, shapes: dict[str, Any], directions: Any) -> tuple[dict, dict]:
-    """Predictions, and their derivatives along some directions (k, unknowns)."""
-    value, push = jax.linearize(lambda x: {**_motion(program, x, shapes), **_power(program, x, shapes)}, values)
-    return value, {name: block.T for name, block in jax.lax.map(push, directions, batch_size=_BATCH).items()}
+def _along(program: Program, values: Any, shapes: dict[str, Any], directions: Any) -> tuple[dict, dict, dict]:
+    """Predictions, their derivatives along some directions (k, unknowns), and what turns leave open."""
+    value, push, loose = jax.linearize(lambda x: _both(program, x, shapes), values, has_aux=True)
+    return value, {name: block.T for name, block in jax.lax.map(push, directions, batch_size=_BATCH).items()}, loose
 
 
 @eqx.filter_jit
-def _jacobian(program: Program, values: Any, shapes: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Predictions and forward derivatives; each part is traced once, whatever the number of unknowns."""
-    found, columns = {}, {}
+def _jacobian(program: Program, values: Any, shapes: dict[str, Any]) -> tuple[dict, dict, dict]:
+    """Predictions, forward derivatives and what turns leave open; each part is traced once for all unknowns."""
+    found, columns, open_ = {}, {}, {}
     for groups, part in ((frozenset({"flight", "course"}), _motion), (frozenset({"power"}), _power)):
         mine = np.asarray([i for i, own in enumerate(program.groups) if groups & own], int)
-        value, push = jax.linearize(lambda x, at=mine, f=part: f(program, values.at[at].set(x), shapes), values[mine])
-        found |= value
+        value, push, loose = jax.linearize(
+            lambda x, at=mine, f=part: f(program, values.at[at].set(x), shapes), values[mine], has_aux=True
+        )
+        found, open_ = found | value, open_ | loose
         for name, block in jax.lax.map(push, jnp.diag(program.scales[mine]), batch_size=_BATCH).items():
             whole = jnp.zeros((block.shape[1], len(program.names)))
             columns[name] = whole.at[:, mine].set(block.T)
-    return found, columns
+    return found, columns, open_

@@ -28,6 +28,13 @@ AXIAL, NORMAL = 0.20, 0.92
 PARTS = 4
 #: m s-1; what stands still has no angle of attack.
 _SLOWEST = 0.02
+#: m s-1: how well rows of some seconds tell the velocity out of a turn, what errors of recorded controls add with each
+#: row, and the most that a glider can be off.
+TURNING, JOLT, MOST = 0.1, 1.5e-3, 0.2
+#: Variance that pushes on every row pile up to in a usual glide, in that of one: the noise of the stream holds it.
+USUAL = 5.0
+#: How many times its size a push on every row may pile up to, beyond which nothing is learned from where the path went.
+GROWN = 10.0
 #: Settled rows below which a recording says nothing of its usual glide, and m s-1, what is then expected of it.
 FEWEST, USUAL_SPEED = 30, 0.3
 
@@ -128,12 +135,14 @@ def usual_drag(rows: Rows, known: Mapping[str, float]) -> float:
     return float((parasite + induced * attack * attack) * max(speed, 0.05))
 
 
-def motion(forces: Forces, steady: Glide, step: Any, follows: Any, stray: Any) -> tuple[Any, Any, Any, Any]:
-    """Speed along the path, as a mean over the step before each row, and angle of attack at each row; and what pitch
-    that strays adds to both.
+def motion(forces: Forces, steady: Glide, step: Any, follows: Any, stray: Any) -> tuple[Any, ...]:
+    """Speed along the path, as a mean over the step before each row, and angle of attack at each row; what pitch that
+    strays adds to both; and how well either turn or start lets the velocity be known.
 
-    The answer to a stray pitch is that of the motion, which near weak lift comes minutes late and many times as large.
-    Its derivatives are by the stray alone, so that errors of pitch teach nothing.
+    The answer to a stray pitch is that of the motion, which near weak lift comes late and half as large again.
+    Its derivatives are by the stray alone, so that errors of pitch teach nothing. Out of a turn a glider with weak lift
+    may hang at a large angle of attack for minutes, and how long is decided by what no row tells; while pushes pile up
+    to more than ``GROWN``, derivatives are those of the steady glide.
 
     Parameters
     ----------
@@ -143,7 +152,8 @@ def motion(forces: Forces, steady: Glide, step: Any, follows: Any, stray: Any) -
 
     Returns
     -------
-    (row,) m s-1, (row,) rad with the sign of an angle of attack, and (row,) m s-1 and rad of the answer.
+    (row,) m s-1, (row,) rad with the sign of an angle of attack, (row,) m s-1 and rad of the answer, and (row,) m s-1,
+    standard deviation of the velocity, without derivatives.
     """
     still, angle = steady.speed_through_water, steady.angle_of_attack
     start = jnp.stack([still * jnp.cos(angle), still * jnp.sin(angle)], axis=1)
@@ -156,10 +166,12 @@ def motion(forces: Forces, steady: Glide, step: Any, follows: Any, stray: Any) -
     quicker, steeper = wandered(forces, stray)
     known = jax.lax.stop_gradient((acting, start, path))
     answer = _answer(*known, step, follows, stray)
+    flown = jax.lax.stop_gradient(path + answer)
+    open_ = _open(known[0].at[:, _PITCH].add(jax.lax.stop_gradient(stray)), known[1], flown, step, follows)
     there = known[2][:, :2] + answer[:, :2]
     turned = jnp.arctan2(there[:, 1], jnp.maximum(there[:, 0], _SLOWEST)) - jax.lax.stop_gradient(attack)
     quicker = jnp.where(follows, answer[:, 2], quicker)
-    return jnp.where(follows, mean[:, 0], still), attack, quicker, jnp.where(moving, turned, steeper)
+    return jnp.where(follows, mean[:, 0], still), attack, quicker, jnp.where(moving, turned, steeper), open_
 
 
 @jax.custom_jvp
@@ -176,7 +188,8 @@ def _(given: Any, tangents: Any) -> tuple[Any, Any]:
     by_state, by_before, by_now = _slopes(acting, start, path, step)
     before = jnp.concatenate([more[:1], more[:-1]])
     push = by_now[:, :, _PITCH] * more[:, None] + by_before[:, :, _PITCH] * before[:, None]
-    return _answer(*given), _beside(by_state, push, jnp.zeros_like(start), follows)
+    told = follows & (_spread(by_state[:, :2], acting, follows)[1] < GROWN)
+    return _answer(*given), _beside(by_state, push, jnp.zeros_like(start), told)
 
 
 @jax.custom_jvp
@@ -202,7 +215,41 @@ def _(given: Any, tangents: Any) -> tuple[Any, Any]:
     push = tangents[0]
     pushed = jnp.einsum("nij,nj->ni", by_now, push)
     pushed = pushed + jnp.einsum("nij,nj->ni", by_before, jnp.concatenate([push[:1], push[:-1]]))
-    return path, _beside(by_state, pushed, tangents[1], follows)
+    told = follows & (_spread(by_state[:, :2], acting, follows)[1] < GROWN)
+    return path, _beside(by_state, pushed, tangents[1], told)
+
+
+def _open(acting: Any, start: Any, path: Any, step: Any, follows: Any) -> Any:
+    """Standard deviation (row,) of the velocity, m s-1, after turns and starts that are known to ``TURNING``."""
+    last = jnp.concatenate([start[:1], path[:-1, :2]])
+    before = jnp.concatenate([acting[:1], acting[:-1]])
+    by_state = jax.vmap(jax.jacfwd(lambda *row: _advance(*row)[:2]))(last, before, acting, step)
+    left, _ = _spread(by_state, acting, follows)
+    return jnp.sqrt(jnp.maximum(left**2 - USUAL * JOLT**2, 0.0))
+
+
+def _spread(by_state: Any, acting: Any, follows: Any) -> tuple[Any, Any]:
+    """What is left of errors of the velocity, m s-1 (row,), and how many times its size a push on every row piles up
+    to.
+
+    Nothing is known where the path begins; a turn is where the net buoyancy changes sign. ``by_state`` (row, 2, 2) is
+    what a step makes of velocities.
+    """
+    way = jnp.sign(acting[:, 0])
+    turned = way != jnp.concatenate([way[:1], way[:-1]])
+    fresh = jnp.where(turned, TURNING**2, 0.0) + JOLT**2
+    one = jnp.eye(2)
+
+    def on(carried: Any, row: Any) -> tuple[Any, Any]:
+        a, more, going = row
+        left, piled = (a @ x @ a.T for x in carried)
+        left = jnp.where(going, left + more * one, MOST**2 * one)
+        left = left * jnp.minimum(1.0, MOST**2 / jnp.trace(left))
+        piled = jnp.where(going, piled, 0.0) + one
+        piled = piled * jnp.minimum(1.0, 1e6 / jnp.trace(piled))
+        return (left, piled), (jnp.sqrt(jnp.trace(left)), jnp.sqrt(jnp.trace(piled)))
+
+    return jax.lax.scan(on, (MOST**2 * one, one), (by_state, fresh, follows), unroll=4)[1]
 
 
 def _slopes(acting: Any, start: Any, path: Any, step: Any) -> tuple[Any, Any, Any]:

@@ -6,14 +6,15 @@ free, so that nothing is learned from what no vehicle file can state.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from glider_jax.config import CovarianceBlock
 from glider_jax.physics.perturb import factor
-from glider_jax.physics.term import Channel
+from glider_jax.physics.term import Channel, declared
 from glider_jax.records import Array
 
 _FLIGHT = frozenset({
@@ -54,6 +55,14 @@ NUISANCES: tuple[Nuisance, ...] = (
     Nuisance("charge", 0.05, "1", "power", "fall of the voltage against the pack's curve, share"),
     Nuisance("chart", 8.0, "m", "power", "water depth against the chart"),
 )
+#: The stream without which a nuisance says nothing.
+_SHOWN_IN = {
+    "inflection way": "displacement east", "pitch wander": "vertical speed", "pitch delay": "vertical speed",
+    "wander lag": "vertical speed", "lag by speed": "vertical speed", "lag of rate": "vertical speed",
+    "turn": "turn depth", "turn time": "turn depth", "turn on altitude": "turn depth",
+    "gauge at the surface": "depth at the surface", "stay": "surface stay", "load of a stroke": "pump in energy",
+    "open circuit": "battery voltage", "charge": "battery voltage", "chart": "water depth",
+}  # fmt: skip
 GAUGE_DEPTH = 0.3
 #: How well the response time that follows from mass, drag and speed is known, share.
 RESPONSE_SHARE = 0.15
@@ -75,6 +84,25 @@ class Unknown:
     groups: frozenset[str]
     lower: float = -np.inf
     upper: float = np.inf
+
+
+def nuisances(streams: Collection[str], voltage: float = 1.0) -> list[Unknown]:
+    """Unknowns of the nuisances that some streams show; those of the voltage are ``voltage`` times as loose."""
+    found = []
+    for one in NUISANCES:
+        stream = _SHOWN_IN[one.name]
+        if stream in streams:
+            scale = one.sd * (voltage if stream == "battery voltage" else 1.0)
+            found.append(Unknown(one.name, one.name, "nuisance", 0.0, scale, frozenset({one.group})))
+    return found
+
+
+def channels_of(name: str, terms: Sequence[Any]) -> tuple[Channel, ...]:
+    """Channels of the term that a public name or a named quantity of the vehicle belongs to."""
+    for term in terms:
+        if name in {info.quantity for info in declared(term).values()} or name.startswith(term.info.id + "."):
+            return term.info.channels
+    return (Channel.NET_BUOYANCY,)
 
 
 def groups_of(channels) -> frozenset[str]:

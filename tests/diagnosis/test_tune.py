@@ -3,10 +3,11 @@
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
 from glider_jax.diagnosis.candidates import Candidate, Variant
 from glider_jax.diagnosis.screen import Pick
-from glider_jax.diagnosis.tune import tune, widened
+from glider_jax.diagnosis.tune import estimates, tune, widened
 from glider_jax.inference.fit import Column, Linear
 
 ID = "flight.vertical_water_velocity"
@@ -91,3 +92,16 @@ def test_without_shapes_nothing_is_touched():
     tune(search)
     assert np.array_equal(search.problem.values, kept)
     assert widened(search, covariance) is covariance
+
+
+def test_values_are_those_at_rest_where_the_linear_problem_points_elsewhere():
+    """And the way to where it points widens the interval; within a standard deviation the linear problem is right."""
+    search = Search(drawn(np.random.default_rng(3)), PERIOD)
+    centres, scales = (lambda: np.zeros(2)), (lambda: np.full(2, 0.01))
+    search.problem.centres, search.problem.scales = centres, scales
+    mean, near = estimates(search)
+    assert mean == pytest.approx(search.linear.solve(search.active)[0])
+    search.problem.values = 0.01 * mean + np.array([0.0, 0.01 * 5.0])
+    rested, far = estimates(search)
+    assert 0.01 * rested == pytest.approx(search.problem.values)
+    assert np.diag(far) - np.diag(near) == pytest.approx([0.0, 25.0], abs=0.01)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -124,3 +125,33 @@ def test_what_was_taken_back_is_not_accepted_again():
     search.path = ["took back flight.lift_loss: held-out dives fit worse with it"]
     search.go_on()
     assert [pick.candidate.id for pick in search.picks] == ["flight.drag_bias"]
+
+
+class Afar(Going):
+    """The same, one of which was looked at away from zero, with evidence where fits come to rest."""
+
+    def __init__(self, rested):
+        super().__init__({"flight.drag_bias": 40.0, "flight.lift_loss": 30.0})
+        self.far, self.fits = rested, []
+        one = self.candidates[1]
+        self.candidates[1] = Candidate(one.id, tuple(replace(v, shift=0) for v in one.variants), 0.0)
+
+    def _rest(self, picks):
+        self.fits.append([pick.candidate.id for pick in picks])
+        return self.far.get(picks[-1].candidate.id, 0.0)
+
+
+def test_an_effect_far_from_linear_is_judged_where_it_comes_to_rest():
+    """The linear problem tells little of it: it goes before the best one where its fit is better, and only there."""
+    for first in ("flight.lift_loss", "flight.drag_bias"):
+        search = Afar({first: 50.0})
+        assert search._move()
+        assert [pick.candidate.id for pick in search.picks] == [first]
+        assert ["flight.lift_loss"] in search.fits
+
+
+def test_effects_near_linear_cost_no_fit():
+    """Nor does one that was looked at from afar and is not worth a name."""
+    search = Afar({})
+    search.gains["flight.lift_loss"] = 4.0
+    assert search._move() and not search.fits

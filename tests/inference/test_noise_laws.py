@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import jax
 import numpy as np
 import pytest
@@ -154,3 +156,32 @@ def test_loads_are_whitened_together():
     same = 0.005**2 * (dives.group[0] == climbs.group[5])
     assert covariance[0, 25] == pytest.approx(0.03**2 * np.exp(-lag / 2e4) + same)
     assert covariance[25, 25] > covariance[0, 0]
+
+
+def test_rows_that_are_open_say_nothing():
+    """A row whose prediction is open by far more than the noise has no weight, and costs its determinant."""
+    law = laws.SeriesNoise(stream(120))
+    columns = np.random.default_rng(1).normal(size=(120, 3))
+    closed, half = law.whiten(columns)
+    sds = np.zeros(120)
+    sds[60] = 0.5
+    law.leave_open({"vertical speed": sds})
+    found, more = law.whiten(columns)
+    order = np.abs(found[law.order]).max(axis=1) / np.abs(columns[law.order]).max(axis=1)
+    assert order[np.flatnonzero(law.order == 60)[0]] < 2.5
+    assert np.delete(order, np.flatnonzero(law.order == 60)).min() > 2.5
+    assert more - half > np.log(0.5 / 0.01)
+    law.leave_open({})
+    assert law.whiten(columns)[0] == pytest.approx(closed)
+
+
+def test_displacements_are_left_open_and_drifts_are_not():
+    """What turns leave open of the way is beside the noise of displacements; a drift at the surface knows no turn."""
+    pair = tuple(replace(stream(20), name=f"displacement {way}") for way in ("east", "north"))
+    drift = tuple(replace(stream(12), name=f"surface drift {way}") for way in ("east", "north"))
+    law = laws.CourseNoise(pair, drift, True)
+    before = np.diag(law.covariance(law.sizes))
+    law.leave_open({"displacement east": np.full(20, 0.3), "displacement north": np.full(20, 0.3)})
+    after = np.diag(law.covariance(law.sizes))
+    assert after[:20] - before[:20] == pytest.approx(0.09)
+    assert after[20:] == pytest.approx(before[20:])

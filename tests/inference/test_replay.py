@@ -24,7 +24,7 @@ def world():
         gathered = gather(fly(0.8, noise=0.05, current=(0.08, -0.05)), vehicle())
         replay = build_replay(gathered, vehicle())
         values = np.array([u.centre for u in replay.unknowns])
-        predicted, columns = replay.jacobian(values)
+        predicted, columns, _ = replay.jacobian(values)
     names = [u.name for u in replay.unknowns]
     return gathered, replay, values, predicted, columns, names
 
@@ -88,7 +88,7 @@ def test_derivatives_are_those_of_the_prediction(world):
     step = 0.02
     moved[k] += step * replay.unknowns[k].scale
     with jax.enable_x64(True):
-        ahead, _ = replay.jacobian(moved)
+        ahead = replay.jacobian(moved)[0]
     change = (ahead["vertical speed"] - predicted["vertical speed"]) / step
     assert np.abs(change - columns["vertical speed"][:, k]).max() < 0.03 * np.abs(change).max()
 
@@ -108,7 +108,7 @@ def test_a_stroke_bears_the_load_of_the_phase_before_or_after(world):
     loaded[names.index("energy.dive_only_load.power")] = 0.5
     place = names.index("load of a stroke")
     with jax.enable_x64(True):
-        _, columns = replay.slopes(loaded, {}, [place])
+        columns = replay.slopes(loaded, {}, [place])[1]
     scale = replay.unknowns[place].scale
     for name, sign in (("pump in energy", 1.0), ("pump out energy", -1.0)):
         span = gathered.stream(name).span
@@ -218,7 +218,7 @@ def test_numbers_that_are_known_jointly_move_together(world):
         same[drag] += 0.8 * 0.004
         found, known = joint.predict(moved)["vertical speed"], alone.predict(same)["vertical speed"]
         np.testing.assert_allclose(found, known, atol=1e-12)
-        _, slopes = joint.jacobian(centres)
+        slopes = joint.jacobian(centres)[1]
         change = (joint.predict(moved)["vertical speed"] - joint.predict(2.0 * centres - moved)["vertical speed"]) / 2.0
         np.testing.assert_allclose(slopes["vertical speed"][:, mass], change, atol=3e-6)
     value, sd, away = joint.stated([mass, -1, drag], np.array([1.0, 5.0, 0.0]), np.eye(3))

@@ -35,6 +35,11 @@ def flown(acting, follows=None):
 
 def whole(acting, stray, follows=None):
     """Speed, angle of attack, and what a stray pitch adds to both, of every row."""
+    return told(acting, stray, follows)[:4]
+
+
+def told(acting, stray, follows=None):
+    """The same and by how much the velocity of every row is open."""
     n = acting.pitch.size
     step, stray = jnp.full(n, STEP), jnp.broadcast_to(jnp.asarray(stray, float), (n,))
     follows = jnp.arange(n) > 0 if follows is None else follows
@@ -146,6 +151,37 @@ def test_what_is_not_followed_is_steady():
     speed, attack = flown(acting, follows)
     assert speed[80] == pytest.approx(float(glide.speed_through_water[80]), rel=1e-12)
     assert attack[81:] == pytest.approx(np.asarray(glide.angle_of_attack)[81:], rel=1e-3)
+
+
+def test_turns_leave_weak_wings_open():
+    """A minute after a turn the velocity of a usual glide is known; near the fold it is not until it has settled."""
+    usual, weak = (np.asarray(told(turning(200, LIFT * (1.0 - loss)), 0.0)[4]) for loss in (0.0, 0.45))
+    turned = slice(50, 54)
+    assert usual[turned].min() > 0.01 and weak[turned].min() > 0.02
+    assert usual[70:].max() < 1e-3
+    assert weak[65:75].min() > 0.02
+    assert weak[130:].max() < 1e-3
+
+
+def test_what_is_begun_is_open_at_first():
+    """Where the motion is taken up nothing is known of it, and a minute later all."""
+    acting = forces(np.full(60, 2.4), 0.42)
+    follows = (jnp.arange(60) > 0) & (jnp.arange(60) != 30)
+    open_ = np.asarray(told(acting, 0.0, follows)[4])
+    assert open_[30] > 0.1 and open_[29] < 1e-3 and open_[48] < 2e-3
+
+
+def test_derivatives_stay_small_where_pushes_pile_up():
+    """Just before the fold a change of lift decides when a turn ends: that slope is real, and teaches nothing."""
+    base = turning(200, LIFT * (1.0 - 0.46))
+
+    def speeds(share):
+        return flown(base._replace(lift=base.lift * (1.0 + share)))[0]
+
+    _, slope = jax.jvp(speeds, (0.0,), (1.0,))
+    change = (np.asarray(speeds(5e-4)) - np.asarray(speeds(-5e-4))) / 1e-3
+    assert np.abs(change).max() > 10.0
+    assert np.abs(np.asarray(slope)).max() < 5.0
 
 
 def nodding(n=150):
