@@ -43,7 +43,28 @@ def told(acting, stray, follows=None):
     n = acting.pitch.size
     step, stray = jnp.full(n, STEP), jnp.broadcast_to(jnp.asarray(stray, float), (n,))
     follows = jnp.arange(n) > 0 if follows is None else follows
+    return _moved(acting, step, follows, stray)
+
+
+@jax.jit
+def _moved(acting, step, follows, stray):
     return motion(acting, steady(acting), step, follows, stray)
+
+
+@jax.jit
+def slope(acting, push, stray, strayed):
+    """What all five answer to a push of the forces and of the stray pitch, as one array; compiled once for all."""
+
+    def all_of(acting, stray):
+        return jnp.stack(told(acting, stray))
+
+    return jax.jvp(all_of, (acting, stray), (push, strayed))
+
+
+def pushed(acting, name):
+    """Forces of which one is as large as it is, and all others nothing."""
+    nothing = jax.tree.map(jnp.zeros_like, acting)
+    return nothing._replace(**{name: getattr(acting, name)})
 
 
 def turning(n=150, lift=LIFT):
@@ -131,15 +152,16 @@ def test_weak_wings_settle_for_minutes():
 @pytest.mark.parametrize("name", ["net_buoyancy", "pitch", "parasite", "lift", "along", "across"])
 def test_derivatives_are_those_of_the_motion(loss, name):
     """The linear pass beside the path gives what small changes of a force do."""
-    base = turning(lift=LIFT * (1.0 - loss))
+    base, none = turning(lift=LIFT * (1.0 - loss)), jnp.zeros(150)
+    _, found = slope(base, pushed(base, name), none, none)
 
     def speeds(share):
-        return jnp.concatenate(flown(base._replace(**{name: getattr(base, name) * (1.0 + share)})))
+        changed = base._replace(**{name: getattr(base, name) * (1.0 + share)})
+        return np.asarray(slope(changed, pushed(base, name), none, none)[0][:2])
 
-    _, slope = jax.jvp(speeds, (0.0,), (1.0,))
-    change = (np.asarray(speeds(1e-6)) - np.asarray(speeds(-1e-6))) / 2e-6
+    found, change = np.asarray(found[:2]), (speeds(1e-6) - speeds(-1e-6)) / 2e-6
     # Where speed and angle are held at their limits in the middle of the turn a change may step over one of them.
-    assert np.asarray(slope) == pytest.approx(change, rel=1e-3, abs=1e-3 * np.abs(change).max())
+    assert found == pytest.approx(change, rel=1e-3, abs=1e-3 * np.abs(change).max())
 
 
 def test_what_is_not_followed_is_steady():
@@ -173,15 +195,15 @@ def test_what_is_begun_is_open_at_first():
 
 def test_derivatives_stay_small_where_pushes_pile_up():
     """Just before the fold a change of lift decides when a turn ends: that slope is real, and teaches nothing."""
-    base = turning(200, LIFT * (1.0 - 0.46))
+    base, none = turning(lift=LIFT * (1.0 - 0.46)), jnp.zeros(150)
+    push = pushed(base, "lift")
 
-    def speeds(share):
-        return flown(base._replace(lift=base.lift * (1.0 + share)))[0]
+    def flown(share):
+        return slope(base._replace(lift=base.lift * (1.0 + share)), push, none, none)
 
-    _, slope = jax.jvp(speeds, (0.0,), (1.0,))
-    change = (np.asarray(speeds(5e-4)) - np.asarray(speeds(-5e-4))) / 1e-3
+    change = (np.asarray(flown(5e-4)[0][0]) - np.asarray(flown(-5e-4)[0][0])) / 1e-3
     assert np.abs(change).max() > 10.0
-    assert np.abs(np.asarray(slope)).max() < 5.0
+    assert np.abs(np.asarray(flown(0.0)[1][0])).max() < 5.0
 
 
 def nodding(n=150):
@@ -214,13 +236,10 @@ def test_weak_wings_answer_more():
 def test_a_stray_pitch_teaches_nothing_of_forces():
     """What it adds has derivatives by the stray, to first order those of small changes of it, and none by a force."""
     acting, stray = turning(), nodding()
-
-    def added(share, more):
-        changed = acting._replace(lift=acting.lift * (1.0 + share))
-        return jnp.concatenate(whole(changed, stray * (1.0 + more))[2:])
-
-    _, by_force = jax.jvp(lambda x: added(x, 0.0), (0.0,), (1.0,))
-    assert np.abs(np.asarray(by_force)).max() == 0.0
-    _, by_stray = jax.jvp(lambda x: added(0.0, x), (0.0,), (1.0,))
-    change = (np.asarray(added(0.0, 1e-6)) - np.asarray(added(0.0, -1e-6))) / 2e-6
-    assert np.asarray(by_stray) == pytest.approx(change, abs=0.05 * np.abs(change).max())
+    none = jax.tree.map(jnp.zeros_like, acting)
+    _, by_force = slope(acting, pushed(acting, "lift"), stray, jnp.zeros(150))
+    assert np.abs(np.asarray(by_force[2:4])).max() == 0.0 < np.abs(np.asarray(by_force[:2])).max()
+    _, by_stray = slope(acting, none, stray, stray)
+    more, less = (np.asarray(slope(acting, none, stray * x, stray)[0][2:4]) for x in (1.0 + 1e-6, 1.0 - 1e-6))
+    change = (more - less) / 2e-6
+    assert np.asarray(by_stray[2:4]) == pytest.approx(change, abs=0.05 * np.abs(change).max())
