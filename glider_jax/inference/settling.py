@@ -225,15 +225,16 @@ def _open(acting: Any, start: Any, path: Any, step: Any, follows: Any) -> Any:
     before = jnp.concatenate([acting[:1], acting[:-1]])
     by_state = jax.vmap(jax.jacfwd(lambda *row: _advance(*row)[:2]))(last, before, acting, step)
     left, _ = _spread(by_state, acting, follows)
-    return jnp.sqrt(jnp.maximum(left**2 - USUAL * JOLT**2, 0.0))
+    # A steady glide that nothing drives is as well known as it ever was.
+    return jnp.where(follows, jnp.sqrt(jnp.maximum(left**2 - USUAL * JOLT**2, 0.0)), 0.0)
 
 
 def _spread(by_state: Any, acting: Any, follows: Any) -> tuple[Any, Any]:
     """What is left of errors of the velocity, m s-1 (row,), and how many times its size a push on every row piles up
     to.
 
-    Nothing is known where the path begins; a turn is where the net buoyancy changes sign. ``by_state`` (row, 2, 2) is
-    what a step makes of velocities.
+    Where the path begins it is known as well as out of a turn, which is where the net buoyancy changes sign.
+    ``by_state`` (row, 2, 2) is what a step makes of velocities.
     """
     way = jnp.sign(acting[:, 0])
     turned = way != jnp.concatenate([way[:1], way[:-1]])
@@ -243,13 +244,13 @@ def _spread(by_state: Any, acting: Any, follows: Any) -> tuple[Any, Any]:
     def on(carried: Any, row: Any) -> tuple[Any, Any]:
         a, more, going = row
         left, piled = (a @ x @ a.T for x in carried)
-        left = jnp.where(going, left + more * one, MOST**2 * one)
+        left = jnp.where(going, left + more * one, TURNING**2 * one)
         left = left * jnp.minimum(1.0, MOST**2 / jnp.trace(left))
         piled = jnp.where(going, piled, 0.0) + one
         piled = piled * jnp.minimum(1.0, 1e6 / jnp.trace(piled))
         return (left, piled), (jnp.sqrt(jnp.trace(left)), jnp.sqrt(jnp.trace(piled)))
 
-    return jax.lax.scan(on, (MOST**2 * one, one), (by_state, fresh, follows), unroll=4)[1]
+    return jax.lax.scan(on, (TURNING**2 * one, one), (by_state, fresh, follows), unroll=4)[1]
 
 
 def _slopes(acting: Any, start: Any, path: Any, step: Any) -> tuple[Any, Any, Any]:
