@@ -14,6 +14,8 @@ from glider_jax.inference.fit import Linear, Problem
 from glider_jax.records import Array
 
 FOLDS, PURGE = 8, 1
+#: Nats that held-out dives gain with an effect, and share of their parts that gain, beyond which they confirm it.
+ENOUGH, MOST_PARTS = 2.0, 0.6
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,11 @@ class Confirmation:
     z: float
     share: float
     effects: dict[str, tuple[float, float]]
+
+
+def confirmed(gain: float, share: float) -> bool:
+    """Whether held-out dives confirm an effect, by what they gain with it and by the share of their parts that does."""
+    return bool(gain > ENOUGH and share >= MOST_PARTS)
 
 
 def folds_of(linear: Linear, how: str = "blocks", seed: int = 5) -> list[tuple[Array, Array]]:

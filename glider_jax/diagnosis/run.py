@@ -183,16 +183,13 @@ def _find(recording, vehicle, mission, currents, bathymetry, settings, tell) -> 
     search.run()
     tune(search)
     tell("held-out dives")
-    linear, fixed, active = search.linear, search.plain, search.active
-    mean, covariance = estimates(search)
-    effects = {pick.candidate.id: list(pick.variant.columns) for pick in search.picks}
-    blocks = confirm(search.problem, linear, fixed, effects, settings["hold_out"])
+    blocks = search.held_out()
     if search.reject(blocks.effects):
         tune(search)
-        linear, fixed, active = search.linear, search.plain, search.active
-        mean, covariance = estimates(search)
-        effects = {pick.candidate.id: list(pick.variant.columns) for pick in search.picks}
-        blocks = confirm(search.problem, linear, fixed, effects, settings["hold_out"])
+        blocks = search.held_out()
+    linear, fixed, active = search.linear, search.plain, search.active
+    mean, covariance = estimates(search)
+    effects = search.columns
     last = confirm(search.problem, linear, fixed, effects, "last")
     tell("what is left")
     alone, _ = linear.solve(fixed)
@@ -254,6 +251,7 @@ class _Settled(Search):
     def __init__(self, problem, settings, progress):
         super().__init__(problem, progress, independent=settings["noise"] == "independent")
         self.only, self.exclude = settings["only"], frozenset(settings["exclude"])
+        self.hold_out = settings["hold_out"]
 
     def allowed(self, candidate: Candidate) -> bool:
         """Whether the search may name a candidate."""
@@ -272,6 +270,37 @@ class _Settled(Search):
         # What they stood for may have another name, which has to hold on those dives too.
         self.go_on()
         return True
+
+    @property
+    def columns(self) -> dict[str, list[int]]:
+        """Columns of the accepted effects by their ids."""
+        return {pick.candidate.id: list(pick.variant.columns) for pick in self.picks}
+
+    def held_out(self) -> Confirmation:
+        """What dives that were left out of the fit say of the accepted effects."""
+        return confirm(self.problem, self.linear, self.plain, self.columns, self.hold_out)
+
+    def refine(self) -> None:
+        """Go on until nothing changes, and name of effects that the linear problem cannot compare the better ones."""
+        super().refine()
+        for _ in range(len(self.picks)):
+            if not self._prefer():
+                return
+            super().refine()
+
+    def _prefer(self) -> bool:
+        """Put an effect that is ahead where each fit comes to rest in the place of an accepted one; whether any was.
+
+        No lead is asked for: the search is over, and nothing can run in circles.
+        """
+        for k, pick in enumerate(self.picks):
+            ahead = [one for one in self.at_rest(k) if one[1] < 0.0 and not self._back(one[0].candidate.id)]
+            if ahead:
+                other, behind = min(ahead, key=lambda one: one[1])
+                self.path.append(f"preferred {other.candidate.id} to {pick.candidate.id} ({-behind:.1f} nats)")
+                self.picks = [*self.picks[:k], other, *self.picks[k + 1 :]]
+                return True
+        return False
 
     def run(self) -> None:
         """Search, or accept exactly what was asked for."""

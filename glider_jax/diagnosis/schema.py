@@ -14,6 +14,7 @@ import numpy as np
 from glider_jax import __version__
 from glider_jax.diagnosis import locate
 from glider_jax.diagnosis.candidates import untestable
+from glider_jax.diagnosis.confirm import confirmed
 from glider_jax.diagnosis.quality import corrupt_legs, regime_changes
 from glider_jax.diagnosis.twins import Twin, twins
 from glider_jax.physics.library import CONFUSION_CLASSES, TERMS_BY_ID
@@ -96,7 +97,7 @@ def _effect(found: Finding, k: int) -> dict[str, Any]:
     pick = search.picks[k]
     id = pick.candidate.id
     info = TERMS_BY_ID[id].info
-    alternatives = search.alternatives(k)
+    alternatives = search.rivals(k)
     near = {a for a, _ in alternatives}
     groups = [(label, m) for label, m in CONFUSION_CLASSES.items() if id in m]
     unlikely = [one for one in twins(search, found.mean, k) if one.id not in near]
@@ -131,7 +132,7 @@ def _effect(found: Finding, k: int) -> dict[str, Any]:
         "held_out": {
             "gain": number(gain),
             "folds_gaining": number(share),
-            "confirmed": bool(gain > 2.0 and share >= 0.6),
+            "confirmed": confirmed(gain, share),
         },
         "equation": info.equation,
         "reference": info.reference,

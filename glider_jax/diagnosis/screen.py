@@ -34,8 +34,8 @@ CLEAR = 25.0
 #: nats beyond which a single effect need not be taken out again to be believed.
 BEYOND = 100.0
 MOST_EFFECTS, MOST_MOVES = 6, 14
-#: Effects that are judged where they come to rest, at most.
-MOST_BENT = 3
+#: Effects that are judged where they come to rest, at most, before they are accepted and in the place of one that was.
+MOST_BENT, MOST_RIVALS = 3, 5
 
 
 @dataclass(frozen=True)
@@ -257,6 +257,33 @@ class Search:
                     found.append((candidate.id, mine - gain))
         return sorted(found, key=lambda pair: pair[1])
 
+    def rivals(self, k: int) -> list[tuple[str, float]]:
+        """Alternatives of an accepted effect; those that the linear problem cannot compare where their fits rest."""
+        judged = {pick.candidate.id: behind for pick, behind in self.at_rest(k)}
+        found = {**dict(self.alternatives(k)), **judged}
+        return sorted(((id, behind) for id, behind in found.items() if behind < ALIKE), key=lambda pair: pair[1])
+
+    def at_rest(self, k: int) -> list[tuple[Pick, float]]:
+        """Effects of the flight in the place of an accepted one, and by how many nats each rests behind it.
+
+        Of an effect far from linear the linear problem at its fitted value does not tell what is left without it. Where
+        either is looked at from afar, those worth a name before anything was accepted are fitted in its place.
+        """
+        pick, taken = self.picks[k], {one.candidate.id for one in self.picks}
+        worth = {id: max(gain, self.firsts.get(id, 0.0)) for id, gain in self.early.items()}
+        likely = [
+            c for c in sorted(self.candidates, key=lambda c: -worth.get(c.id, 0.0))
+            if worth.get(c.id, 0.0) > ACCEPT and c.id not in taken and self._moves_flight(c)
+            and (_from_afar(c) or _from_afar(pick.candidate))
+        ]  # fmt: skip
+        if not likely or not self._moves_flight(pick.candidate):
+            return []
+        without, others = self._without(k), [one for one in self.picks if one is not pick]
+        base = self.linear.score(without)
+        mine = self._rest(self.picks) + pick.candidate.log_odds + pick.looked
+        found = [self.pick(candidate, without, base) for candidate in likely[:MOST_RIVALS]]
+        return [(one, mine - self._rest([*others, one]) - one.candidate.log_odds - one.looked) for one in found]
+
     def prune(self) -> bool:
         """Drop accepted effects that lost their evidence, the weakest first; whether any was."""
         before = len(self.picks)
@@ -350,8 +377,7 @@ class Search:
         for pick, rested in sorted(found, key=lambda pair: -pair[0].evidence):
             if pick.evidence <= ACCEPT:
                 break
-            before, kept = self._asked(), (self.picks, self.linear, self.candidates, self.fixed, self.base)
-            at = self.problem.values, self.problem.shapes
+            before, kept = self._asked(), self._state()
             self.picks, self.problem.values = [*self.picks, pick], rested
             self.relinearise(learn_noise=False)
             gain = self._asked() - before + pick.candidate.log_odds + pick.looked
@@ -359,9 +385,16 @@ class Search:
                 self.path.append(f"accepted {pick.candidate.id} at rest ({pick.evidence:.1f} nats)")
                 return True
             self.path.append(f"refused {pick.candidate.id} at rest: larger noise explains as much ({gain:.1f} nats)")
-            self.picks, self.linear, self.candidates, self.fixed, self.base = kept
-            self.problem.values, self.problem.shapes = at
+            self._restore(kept)
         return False
+
+    def _state(self) -> tuple:
+        """All that a fit of another set would change."""
+        return self.picks, self.linear, self.candidates, self.fixed, self.base, self.problem.values, self.problem.shapes
+
+    def _restore(self, kept: tuple) -> None:
+        self.picks, self.linear, self.candidates, self.fixed, self.base = kept[:5]
+        self.problem.values, self.problem.shapes = kept[5:]
 
     def _moves_flight(self, candidate: Candidate) -> bool:
         labels, unknowns = self.linear.labels, self.problem.replay.unknowns
@@ -452,3 +485,8 @@ class Search:
         self.path.append(f"{line} ({gain:.1f} nats)")
         self.picks = changed
         return True
+
+
+def _from_afar(candidate: Candidate) -> bool:
+    """Whether an effect is so far from linear that it is looked at away from zero too."""
+    return any(variant.shift >= 0 for variant in candidate.variants)
