@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from glider_jax.diagnosis.candidates import Candidate, Variant, widened
+from glider_jax.diagnosis.run import _Settled
 from glider_jax.diagnosis.screen import ACCEPT, Pick, Search
 
 SIGMA = 0.75
@@ -155,3 +156,45 @@ def test_effects_near_linear_cost_no_fit():
     search = Afar({})
     search.gains["flight.lift_loss"] = 4.0
     assert search._move() and not search.fits
+
+
+def accepted(id, rested):
+    """The same with one of the two accepted, both of them worth a name before that."""
+    search = Afar(rested)
+    search.early = {"flight.drag_bias": 21.0, "flight.lift_loss": 18.0}
+    search.firsts = {}
+    search.problem.replay.unknowns[2].groups = frozenset({"flight"})
+    candidate = next(c for c in search.candidates if c.id == id)
+    search.picks = [Pick(candidate, candidate.variants[0], 20.0)]
+    return search
+
+
+@pytest.mark.parametrize("named", ("flight.lift_loss", "flight.drag_bias"))
+def test_what_cannot_be_told_apart_at_rest_is_stated(named):
+    """Where either is far from linear, whatever the linear problem says of them, and no further behind than that."""
+    other = {"flight.lift_loss": "flight.drag_bias", "flight.drag_bias": "flight.lift_loss"}[named]
+    search = accepted(named, {named: 50.0, other: 48.0})
+    assert search.rivals(0) == [(other, pytest.approx(2.0))]
+    assert accepted(named, {named: 50.0, other: 46.0}).rivals(0) == []
+
+
+def test_of_effects_near_linear_the_linear_problem_tells():
+    """No fit is made for them, nor for one that was never worth a name."""
+    search = accepted("flight.lift_loss", {"flight.drag_bias": 50.0})
+    search.early["flight.drag_bias"] = 4.0
+    assert search.rivals(0) == [("flight.drag_bias", -99.0)] and not search.fits
+    search = accepted("flight.drag_bias", {"flight.lift_loss": 50.0})
+    search.candidates[1] = Candidate("flight.lift_loss", widened((Variant((2,), 0.0),)), 0.0)
+    assert search.rivals(0) == [("flight.lift_loss", -99.0)] and not search.fits
+
+
+def test_the_one_ahead_at_rest_is_named():
+    """By however little; one that held-out dives spoke against is not."""
+    search = accepted("flight.lift_loss", {"flight.lift_loss": 50.0, "flight.drag_bias": 50.4})
+    search.path = ["took back flight.drag_bias: held-out dives fit worse with it"]
+    assert not _Settled._prefer(search)
+    search.path = []
+    assert _Settled._prefer(search)
+    assert [pick.candidate.id for pick in search.picks] == ["flight.drag_bias"]
+    assert search.path == ["preferred flight.drag_bias to flight.lift_loss (0.4 nats)"]
+    assert not _Settled._prefer(search)
