@@ -31,7 +31,7 @@ from glider_jax.records import Array
 ACCEPT, DROP, SWAP, ALIKE = 4.3, 3.3, 1.0, 3.0
 #: nats beyond which the noise law need not be asked again.
 CLEAR = 25.0
-#: nats beyond which a single effect need not be taken out again to be believed.
+#: nats beyond which a single effect need not be taken out again to be believed, nor rivals be fitted in its place.
 BEYOND = 100.0
 MOST_EFFECTS, MOST_MOVES = 6, 14
 #: Effects that are judged where they come to rest, at most, before they are accepted and in the place of one that was.
@@ -267,7 +267,8 @@ class Search:
         """Effects of the flight in the place of an accepted one, and by how many nats each rests behind it.
 
         Of an effect far from linear the linear problem at its fitted value does not tell what is left without it. Where
-        either is looked at from afar, those worth a name before anything was accepted are fitted in its place.
+        either is looked at from afar, those worth a name before anything was accepted are fitted in its place, unless
+        it is far beyond doubt: there fits are slow, and none comes near.
         """
         pick, taken = self.picks[k], {one.candidate.id for one in self.picks}
         worth = {id: max(gain, self.firsts.get(id, 0.0)) for id, gain in self.early.items()}
@@ -276,7 +277,7 @@ class Search:
             if worth.get(c.id, 0.0) > ACCEPT and c.id not in taken and self._moves_flight(c)
             and (_from_afar(c) or _from_afar(pick.candidate))
         ]  # fmt: skip
-        if not likely or not self._moves_flight(pick.candidate):
+        if not likely or not self._moves_flight(pick.candidate) or self._worth(k) > BEYOND:
             return []
         without, others = self._without(k), [one for one in self.picks if one is not pick]
         base = self.linear.score(without)

@@ -188,6 +188,13 @@ def test_of_effects_near_linear_the_linear_problem_tells():
     assert search.rivals(0) == [("flight.lift_loss", -99.0)] and not search.fits
 
 
+def test_what_is_beyond_doubt_is_not_fitted_again():
+    """Near weak lift each fit of a rival would take its time."""
+    search = accepted("flight.lift_loss", {"flight.lift_loss": 50.0, "flight.drag_bias": 50.4})
+    search._worth = lambda k: 101.0
+    assert search.at_rest(0) == [] and not search.fits
+
+
 def test_the_one_ahead_at_rest_is_named():
     """By however little; one that held-out dives spoke against is not."""
     search = accepted("flight.lift_loss", {"flight.lift_loss": 50.0, "flight.drag_bias": 50.4})
