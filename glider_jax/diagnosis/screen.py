@@ -12,17 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from glider_jax.diagnosis.candidates import Candidate, Looks, Variant
-from glider_jax.inference.fit import (
-    TIDES,
-    Linear,
-    Problem,
-    converged,
-    heaving,
-    inadequacy,
-    linearise,
-    rows_of,
-    stack,
-)
+from glider_jax.diagnosis.rest import calibrations_of_flight, rested, strayed
+from glider_jax.inference.fit import TIDES, Linear, Problem, heaving, linearise, rows_of, stack
 from glider_jax.inference.noise import fit_noise
 from glider_jax.records import Array
 
@@ -230,18 +221,7 @@ class Search:
         return self.known[key]
 
     def _converged(self, picks: list[Pick]) -> tuple[float, Array]:
-        labels = self.linear.labels
-        chosen = self.fixed + [i for pick in picks for i in pick.variant.columns]
-        own = sorted({labels[i].unknown for i in chosen if labels[i].unknown >= 0})
-        shapes = {k: v for pick in picks for k, v in pick.variant.shapes.items()}
-        beside = inadequacy(self.problem.gathered) if "vertical speed" in self.problem.names else {}
-        start, widths = self.problem.values.copy(), np.ones(len(own))
-        for pick in picks:
-            for unknown, value in pick.variant.start.items():
-                start[unknown] = value
-            mine = {labels[i].unknown for i in pick.variant.columns}
-            widths[[n for n, unknown in enumerate(own) if unknown in mine]] = pick.variant.width
-        return converged(self.problem, own, beside, start, shapes, widths)
+        return rested(self.problem, self.linear, self.fixed, picks)
 
     def alternatives(self, k: int) -> list[tuple[str, float]]:
         """Effects that would explain as well in place of an accepted one: id and nats behind it (negative: ahead)."""
@@ -360,11 +340,8 @@ class Search:
         judged where each one's fit comes to rest, begun at those numbers.
         """
         where, centres = self.problem.values.copy(), self.problem.centres()
-        own = [
-            i for i, u in enumerate(self.problem.replay.unknowns) if u.kind == "calibration" and "flight" in u.groups
-        ]
-        strays = (where - centres)[own] / self.problem.scales()[own]
-        if 0.5 * float(strays @ strays) < ACCEPT:
+        own = calibrations_of_flight(self.problem)
+        if strayed(self.problem, where) < ACCEPT:
             return False
         taken = {pick.candidate.id for pick in self.picks}
         taken |= {line.split()[1] for line in self.path if " at rest: " in line}
@@ -375,11 +352,11 @@ class Search:
         score = self.linear.score(active)
         base = max(self._from(self.picks, start)[0] for start in (where, given)) if likely else 0.0
         found = [self._at_rest(self.pick(c, active, score), given, base) for c in likely[:MOST_BENT]]
-        for pick, rested in sorted(found, key=lambda pair: -pair[0].evidence):
+        for pick, there in sorted(found, key=lambda pair: -pair[0].evidence):
             if pick.evidence <= ACCEPT:
                 break
             before, kept = self._asked(), self._state()
-            self.picks, self.problem.values = [*self.picks, pick], rested
+            self.picks, self.problem.values = [*self.picks, pick], there
             self.relinearise(learn_noise=False)
             gain = self._asked() - before + pick.candidate.log_odds + pick.looked
             if gain > ACCEPT:

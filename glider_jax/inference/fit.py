@@ -26,6 +26,8 @@ NODES = 4
 #: Shares of a step that went too far, and how stiff the way is made against directions that are known badly, which a
 #: valley that bends asks for.
 SHARES, STIFF = (1.0, 0.5, 0.25, 0.1), (0.1, 1.0, 10.0, 100.0)
+#: Steps in which an amplitude is tried from end to end, and how often, each time more finely.
+ABREAST, FINER = 12, 2
 #: Windows of quiet power up to which dives and climbs are whitened together.
 MOST_LOADS = 600
 #: s; periods of the heaving water that are integrated out of the noise beside the library.
@@ -416,6 +418,44 @@ def converged(
     for noise, open_ in zip(problem.noises, before, strict=True):
         noise.open = open_
     return best, rested
+
+
+def nearest(
+    problem: Problem, unknown: int, between: tuple[float, float], values: Array, shapes: dict[str, float]
+) -> Array:
+    """Values with one unknown where it fits best ``between`` two of its own and all others are as given: tried from end
+    to end, then more finely about the best.
+
+    Predictions far from linear have valleys beside the deepest, and no step leads from one into another.
+    """
+    streams = {s.name: s for s in problem.gathered.streams}
+    low, high = between
+    before = [noise.open for noise in problem.noises]
+
+    def cost(amount: float) -> float:
+        there = values.copy()
+        there[unknown] = amount
+        predicted, loose = problem.replay.foresee(there, shapes)
+        total = 0.0
+        for noise in problem.noises:
+            noise.leave_open(loose)
+            left = np.concatenate([streams[n].value - predicted[n] for n in noise.names])
+            white, half = noise.whiten(left[:, None])
+            total += 0.5 * float(np.sum(white**2)) + half
+        return total if np.isfinite(total) else np.inf
+
+    tried: dict[float, float] = {}
+    best = low
+    for _ in range(FINER):
+        step = (high - low) / ABREAST
+        tried |= {x: cost(x) for x in np.linspace(low, high, ABREAST + 1) if x not in tried}
+        best = min(tried, key=tried.__getitem__)
+        low, high = max(low, best - step), min(high, best + step)
+    for noise, open_ in zip(problem.noises, before, strict=True):
+        noise.open = open_
+    found = values.copy()
+    found[unknown] = best
+    return found
 
 
 def _independent(noise: Noise) -> None:

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from glider_jax.inference.fit import Problem, converged
+from glider_jax.inference.fit import Problem, converged, nearest
 from glider_jax.inference.unknowns import Unknown
 
 ROWS = np.linspace(0.2, 3.0, 80)
@@ -111,3 +111,27 @@ def test_rows_that_are_open_explain_no_better():
     far, values = converged(one, [0], {}, np.array([-6.0]), {})
     assert values[0] == pytest.approx(1.3, abs=2e-3) or far < near - 50.0
     assert isinstance(one.noises[0].open, float) and one.noises[0].open == 0.0
+
+
+class Waves(Bending):
+    """A stream that comes back with the unknown, and drifts with it: valleys beside the deepest, three units apart."""
+
+    def foresee(self, values, shapes=None):
+        """What comes back, and what drifts."""
+        x = values[0]
+        return {"curve": np.where(np.arange(ROWS.size) % 2, np.sin(2.0 * x), 0.5 * x)}, {"curve": np.zeros(ROWS.size)}
+
+
+@pytest.mark.parametrize("truth", (-2.4, 0.3, 3.7))
+def test_the_deepest_of_many_valleys_is_found(truth):
+    """To what the finer steps tell, between the ends, and the noise is left as it was."""
+    one = problem(truth, Waves())
+    one.noises[0].open = 0.5
+    assert nearest(one, 0, (-4.0, 4.0), np.zeros(1), {})[0] == pytest.approx(truth, abs=8.0 / 132.0)
+    assert nearest(one, 0, (truth + 0.2, 9.0), np.zeros(1), {})[0] > truth
+    assert one.noises[0].open == 0.5
+
+
+def test_what_cannot_be_predicted_is_not_the_nearest():
+    """It counts as infinitely far."""
+    assert nearest(problem(1.3), 0, (1.0, 40.0), np.zeros(1), {})[0] < 4.3
