@@ -2,7 +2,7 @@
 
 Imports the inference. A newcomer would get wrong: until an effect far from linear is accepted, calibrations stand for
 it; a fit that goes on from where they strayed may rest in a valley beside the deepest, in which wrong effects then look
-missing. It is begun at the vehicle file's own numbers too.
+missing. It is begun at the vehicle file's own numbers then.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from glider_jax.records import Array
 if TYPE_CHECKING:
     from glider_jax.diagnosis.screen import Pick
 
-#: nats that calibrations of the flight may cost by their priors before a fit is begun afresh: as much as a name.
+#: nats that calibrations of the flight may cost by their priors beyond which a fit is begun afresh: as much as a name.
 STRAYED = 4.3
 
 
@@ -35,23 +35,27 @@ def rested(problem: Problem, linear: Linear, fixed: Sequence[int], picks: Sequen
             start[unknown] = value
         mine = {labels[i].unknown for i in pick.variant.columns}
         widths[[n for n, unknown in enumerate(own) if unknown in mine]] = pick.variant.width
-    found = converged(problem, own, beside, start, shapes, widths)
-    for pick in picks:
-        if pick.variant.start and strayed(problem, found[1]) > STRAYED:
-            others = {labels[i].unknown for one in picks if one is not pick for i in one.variant.columns}
-            start = _afresh(problem, pick, sorted(others), shapes)
-            again = converged(problem, own, beside, start, shapes, widths)
-            found = max(found, again, key=lambda one: one[0])
+    begun = [lambda: start]
+    begun += [lambda one=pick: _afresh(problem, linear, picks, one) for pick in picks if pick.variant.start]
+    if strayed(problem, problem.values) > STRAYED:
+        begun.reverse()
+    found = (-np.inf, start)
+    for begin in begun:
+        found = max(found, converged(problem, own, beside, begin(), shapes, widths), key=lambda one: one[0])
+        if strayed(problem, found[1]) <= STRAYED:
+            break
     return found
 
 
-def _afresh(problem: Problem, pick: Pick, others: Sequence[int], shapes: dict[str, float]) -> Array:
-    """The vehicle file's own numbers, the ``others`` unknowns as they are, and what of an effect fits best beside."""
+def _afresh(problem: Problem, linear: Linear, picks: Sequence[Pick], afar: Pick) -> Array:
+    """The vehicle file's own numbers, other effects as they are, and what of the one from afar fits best beside."""
     start = problem.centres()
+    others = sorted({linear.labels[i].unknown for one in picks if one is not afar for i in one.variant.columns})
     start[others] = problem.values[others]
-    for unknown in pick.variant.start:
+    shapes = {k: v for pick in picks for k, v in pick.variant.shapes.items()}
+    for unknown in afar.variant.start:
         one = problem.replay.unknowns[unknown]
-        low, high = (one.centre + one.scale * edge for edge in pick.variant.cell)
+        low, high = (one.centre + one.scale * edge for edge in afar.variant.cell)
         start = nearest(problem, unknown, (max(low, one.lower), min(high, one.upper)), start, shapes)
     return start
 

@@ -84,17 +84,24 @@ def test_a_fit_that_calibrations_hold_is_begun_afresh(problem):
     assert score > held + 1.0 and problem.values == pytest.approx(before)
 
 
-def test_a_fit_that_rests_near_the_vehicle_file_is_made_once(problem, monkeypatch):
-    """And one of an effect that was looked at from near is, wherever it rests."""
-    fits = []
-    monkeypatch.setattr(rest, "converged", lambda *a: fits.append(a[3].copy()) or (0.0, np.array([0.16, 0.3, 0.0])))
-    rest.rested(problem, LINEAR, [0], [picked(1, start={1: 0.3})])
-    assert len(fits) == 1 and fits[0] == pytest.approx([0.20, 0.3, 0.2])
-    monkeypatch.setattr(rest, "converged", lambda *a: fits.append(a[3].copy()) or (0.0, np.array([0.25, 0.3, 0.0])))
-    rest.rested(problem, LINEAR, [0], [picked(1)])
-    assert len(fits) == 2
-    rest.rested(problem, LINEAR, [0], [picked(1, start={1: 0.3}, cell=(0.5, np.inf))])
-    assert len(fits) == 4 and fits[3][0] == 0.15 and fits[3][1] == pytest.approx(TRUE_LOSS, abs=0.02)
+def test_a_fit_is_begun_as_often_as_calibrations_stray(problem, monkeypatch):
+    """Where they are near the vehicle file's numbers, where the fit begins or rests, it is not begun again there."""
+    fits, drag = [], [0.16]
+    monkeypatch.setattr(rest, "converged", lambda *a: fits.append(a[3].copy()) or (0.0, np.array([drag[0], 0.3, 0.0])))
+    afar, near = [picked(1, start={1: 0.3}, cell=(0.5, np.inf))], [picked(1)]
+    rest.rested(problem, LINEAR, [0], afar)  # drag has strayed: from the file's number alone
+    assert len(fits) == 1 and fits[0] == pytest.approx([0.15, TRUE_LOSS, 0.0], abs=0.02)
+    drag[0] = 0.25  # and comes to stray from there: from where it was too
+    rest.rested(problem, LINEAR, [0], afar)
+    assert len(fits) == 3 and fits[2] == pytest.approx([0.20, 0.3, 0.2])
+    rest.rested(problem, LINEAR, [0], near)
+    assert len(fits) == 4 and fits[3] == pytest.approx([0.20, 0.0, 0.2])
+    problem.values[0] = 0.15
+    rest.rested(problem, LINEAR, [0], afar)
+    assert len(fits) == 6 and fits[4] == pytest.approx([0.15, 0.3, 0.2]) and fits[5][0] == 0.15
+    drag[0] = 0.16
+    rest.rested(problem, LINEAR, [0], afar)
+    assert len(fits) == 7
 
 
 def test_only_calibrations_of_the_flight_stray(problem):
