@@ -194,7 +194,11 @@ class Search:
         """
         near = [self._worth(k) for k in range(len(self.picks))]
         if len(near) == 1 and near[0] > BEYOND:
-            return near
+            candidate = self.picks[0].candidate
+            # Of one far from linear, what it was worth before it was accepted, where that is beyond doubt too.
+            seen = self.firsts.get(candidate.id, 0.0) if _from_afar(candidate) else near[0]
+            if seen > BEYOND:
+                return [min(seen, near[0])]
         whole = self._rest(self.picks)
         return [
             whole - self._rest([p for p in self.picks if p is not pick]) + pick.candidate.log_odds + pick.looked

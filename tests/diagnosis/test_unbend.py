@@ -205,3 +205,17 @@ def test_the_one_ahead_at_rest_is_named():
     assert [pick.candidate.id for pick in search.picks] == ["flight.drag_bias"]
     assert search.path == ["preferred flight.drag_bias to flight.lift_loss (0.4 nats)"]
     assert not _Settled._prefer(search)
+
+
+def test_evidence_of_a_lone_effect_far_from_linear_is_not_extrapolated():
+    """It is what it was before anything was accepted, or what its fit is worth at rest; near linear as it stands."""
+    search = accepted("flight.lift_loss", {"flight.lift_loss": 50.0})
+    search._worth = lambda k: 1e6
+    search.firsts = {"flight.lift_loss": 199.0}
+    assert search.losses() == [199.0] and not search.fits
+    search.firsts = {"flight.lift_loss": 20.0}
+    search._rest = lambda picks: 50.0 if picks else 10.0
+    assert search.losses() == [pytest.approx(40.0)]
+    search = accepted("flight.drag_bias", {})
+    search._worth = lambda k: 120.0
+    assert search.losses() == [120.0] and not search.fits
